@@ -1,0 +1,70 @@
+//! Kernels: the inner loops, as a plain reference that faster ones equal bit for bit.
+//!
+//! A kernel set is a type that implements [`Kernels`]. [`Portable`] is the reference:
+//! plain safe code whose loops have fixed trip counts, so that a compiler vectorises
+//! them. Other crates bring faster sets, for example the same bodies compiled for a
+//! wider instruction set that was found at run time, or a chip's own instructions.
+
+use crate::matching::{RowRecall, recall_row};
+use crate::minchinton::CELLS_PER_BYTE;
+
+/// The inner loops of the pipeline. Provided methods are the reference; an override
+/// must give the same bits for every input.
+pub trait Kernels {
+    /// Forms eight Minchinton cells for each of a run of neurons: bit `k` of
+    /// `packed[i]` is `samples[k][i] > samples[k + 1][i]`.
+    ///
+    /// All sample rows have `packed.len()` elements; of shorter ones, only the common
+    /// length is packed.
+    #[inline]
+    fn pack_cells(&self, samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
+        pack_cells(samples, packed);
+    }
+
+    /// Recalls a row of neurons; see [`RowRecall`].
+    #[inline]
+    fn recall_row(&self, row: &RowRecall<'_>, distances: &mut [i16], candidates_px: &mut [i16]) {
+        recall_row(row, distances, candidates_px);
+    }
+}
+
+/// The reference kernels.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Portable;
+
+impl Kernels for Portable {}
+
+impl<K: Kernels + ?Sized> Kernels for &K {
+    #[inline]
+    fn pack_cells(&self, samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
+        (**self).pack_cells(samples, packed);
+    }
+    #[inline]
+    fn recall_row(&self, row: &RowRecall<'_>, distances: &mut [i16], candidates_px: &mut [i16]) {
+        (**self).recall_row(row, distances, candidates_px);
+    }
+}
+
+/// The reference of [`Kernels::pack_cells`], inlined so that a caller may compile it
+/// for its own instruction set.
+#[inline(always)]
+pub fn pack_cells(samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
+    let [a, b, c, d, e, f, g, h, i] = *samples;
+    let common = samples.iter().fold(packed.len(), |n, row| n.min(row.len()));
+    // Equal lengths, proven once: no check is left in the loop.
+    let (a, b, c) = (&a[..common], &b[..common], &c[..common]);
+    let (d, e, f) = (&d[..common], &e[..common], &f[..common]);
+    let (g, h, i) = (&g[..common], &h[..common], &i[..common]);
+    let packed = &mut packed[..common];
+    let bit = |own: u8, partner: u8, place: u32| u8::from(own > partner) << place;
+    for x in 0..common {
+        packed[x] = bit(a[x], b[x], 0)
+            | bit(b[x], c[x], 1)
+            | bit(c[x], d[x], 2)
+            | bit(d[x], e[x], 3)
+            | bit(e[x], f[x], 4)
+            | bit(f[x], g[x], 5)
+            | bit(g[x], h[x], 6)
+            | bit(h[x], i[x], 7);
+    }
+}

@@ -1,0 +1,73 @@
+//! Hamming distances of one pattern to a run of stored patterns.
+
+use crate::minchinton::{PatternRow, Planes};
+use crate::synapse::MAX_SYNAPSES;
+
+/// Bytes of the longest pattern.
+pub const MAX_PATTERN_BYTES: usize = MAX_SYNAPSES / 8;
+
+/// Distances are written in blocks of this many; see [`distances`].
+pub const LANES: usize = PatternRow::SLACK;
+
+/// Planes summed in 8 bits before the sum is widened: 16 planes differ in at most 128 cells.
+const PLANES_PER_SUM: usize = 16;
+
+/// A distance no pattern has: it loses against every real one.
+pub const NO_DISTANCE: i16 = i16::MAX;
+
+/// Writes the distances of `pattern` to the stored patterns at positions `first`,
+/// `first + 1`, and so on, one for each of the first `count` elements of `distances`,
+/// and [`NO_DISTANCE`] in the elements after them.
+///
+/// `distances` has a multiple of [`LANES`] elements, less than [`LANES`] more than
+/// `count`. Rows that do not reach that far leave distances of 0.
+#[inline(always)]
+pub fn distances(
+    pattern: &[u8],
+    stored: Planes<'_>,
+    first: usize,
+    count: usize,
+    distances: &mut [i16],
+) {
+    // The wider blocks keep more independent sums in registers.
+    let mut at = first;
+    let (blocks, rest) = distances.as_chunks_mut::<{ 4 * LANES }>();
+    for block in blocks {
+        *block = distances_block(pattern, stored, at);
+        at += block.len();
+    }
+    let (blocks, rest) = rest.as_chunks_mut::<{ 2 * LANES }>();
+    for block in blocks {
+        *block = distances_block(pattern, stored, at);
+        at += block.len();
+    }
+    for block in rest.as_chunks_mut::<LANES>().0 {
+        *block = distances_block(pattern, stored, at);
+        at += block.len();
+    }
+    if let Some(beyond) = distances.get_mut(count..) {
+        beyond.fill(NO_DISTANCE);
+    }
+}
+
+#[inline(always)]
+fn distances_block<const N: usize>(pattern: &[u8], stored: Planes<'_>, first: usize) -> [i16; N] {
+    let mut totals = [0_i16; N];
+    let groups = stored.bytes.chunks(PLANES_PER_SUM * stored.stride);
+    for (bytes, planes) in pattern.chunks(PLANES_PER_SUM).zip(groups) {
+        let mut sums = [0_u8; N];
+        for (&byte, plane) in bytes.iter().zip(planes.chunks_exact(stored.stride)) {
+            let Some(run) = plane.get(first..).and_then(|run| run.first_chunk::<N>()) else {
+                continue;
+            };
+            for (sum, &other) in sums.iter_mut().zip(run) {
+                // At most 8, so that the sum stays within PLANES_PER_SUM * 8 = 128.
+                *sum += (byte ^ other).count_ones() as u8;
+            }
+        }
+        for (total, &sum) in totals.iter_mut().zip(&sums) {
+            *total += i16::from(sum);
+        }
+    }
+    totals
+}

@@ -1,0 +1,219 @@
+//! A strip: the last few lines of one view, padded so that every sample is a plain read.
+//!
+//! A strip of support (x, y) keeps `2 y + 1` lines, each with `x` copies of its first
+//! and last pixel at its ends: the border rule is *clamp*, a sample outside the image
+//! takes the nearest pixel inside. Above the first and below the last line the nearest
+//! line stands in. Its memory does not depend on the number of lines of the image.
+
+use crate::memory::{Arena, OutOfMemory, words};
+use crate::synapse::{Offset, Support};
+
+/// Order in which a strip stores the pixels of a line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Order {
+    /// Stored position `i` is column `i`.
+    Columns,
+    /// Stored position `i` is column `width - 1 - i`.
+    Mirrored,
+}
+
+/// The newest `2 * support.y_px + 1` lines of one view.
+#[derive(Debug)]
+pub struct Strip<'m> {
+    pixels: &'m mut [u8],
+    width: usize,
+    stride: usize,
+    support: Support,
+    order: Order,
+    lines: u32,
+}
+
+impl<'m> Strip<'m> {
+    /// Lines kept.
+    #[must_use]
+    pub const fn depth(support: Support) -> usize {
+        2 * support.y_px as usize + 1
+    }
+
+    /// Words of memory: `(2 y + 1)` lines of `width + 2 x` bytes.
+    #[must_use]
+    pub const fn memory_words(width: usize, support: Support) -> usize {
+        words(
+            Self::depth(support) * (width + 2 * support.x_px as usize),
+            1,
+        )
+    }
+
+    /// An empty strip for lines of `width` pixels.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] when the arena has fewer than [`Strip::memory_words`] left.
+    pub fn new(
+        width: usize,
+        support: Support,
+        order: Order,
+        arena: &mut Arena<'m>,
+    ) -> Result<Self, OutOfMemory> {
+        let stride = width + 2 * usize::from(support.x_px);
+        Ok(Self {
+            pixels: arena.take(Self::depth(support) * stride)?,
+            width,
+            stride,
+            support,
+            order,
+            lines: 0,
+        })
+    }
+
+    /// Lines pushed since the frame began.
+    #[must_use]
+    pub fn lines(&self) -> u32 {
+        self.lines
+    }
+
+    /// Forgets all lines: the next one pushed is line 0.
+    pub fn clear(&mut self) {
+        self.lines = 0;
+    }
+
+    /// Stores the next line over the oldest. A line longer than the strip is cut; of a
+    /// shorter one the last pixel is repeated. An empty one repeats black.
+    pub fn push(&mut self, line: &[u8]) {
+        let start = self.slot(self.lines) * self.stride;
+        let padding = usize::from(self.support.x_px);
+        self.lines += 1;
+        let Some(stored) = self.pixels.get_mut(start..start + self.stride) else {
+            return;
+        };
+        let line = line.get(..self.width).unwrap_or(line);
+        let first = line.first().copied().unwrap_or(0);
+        let last = line.last().copied().unwrap_or(0);
+        let (before, rest) = stored.split_at_mut(padding);
+        let (inside, after) = rest.split_at_mut(self.width);
+        let missing = self.width - line.len();
+        match self.order {
+            Order::Columns => {
+                before.fill(first);
+                after.fill(last);
+                let (given, repeated) = inside.split_at_mut(line.len());
+                given.copy_from_slice(line);
+                repeated.fill(last);
+            }
+            Order::Mirrored => {
+                before.fill(last);
+                after.fill(first);
+                let (repeated, given) = inside.split_at_mut(missing);
+                repeated.fill(last);
+                for (to, from) in given.iter_mut().rev().zip(line) {
+                    *to = *from;
+                }
+            }
+        }
+    }
+
+    /// The samples of `count` neighbouring neurons of line `line` that one synapse sees,
+    /// from stored position `first` on, in stored order.
+    ///
+    /// `line` must be at most `support.y_px` lines from the newest one, or the frame
+    /// ended: lines after the newest are the newest. Empty when the offset leaves the
+    /// support, the neurons leave the line, or nothing was pushed.
+    #[must_use]
+    pub fn samples(&self, line: u32, offset: Offset, first: usize, count: usize) -> &[u8] {
+        let dx = match self.order {
+            Order::Columns => offset.dx,
+            Order::Mirrored => -offset.dx,
+        };
+        let newest = self.lines.saturating_sub(1);
+        let line = line.saturating_add_signed(offset.dy.into()).min(newest);
+        let start = self.slot(line) * self.stride;
+        let Some(from) = (usize::from(self.support.x_px) + first).checked_add_signed(dx.into())
+        else {
+            return &[];
+        };
+        self.pixels
+            .get(start..start + self.stride)
+            .and_then(|row| row.get(from..from + count))
+            .unwrap_or_default()
+    }
+
+    /// Once per line, not per pixel.
+    fn slot(&self, line: u32) -> usize {
+        line as usize % Self::depth(self.support)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::view::View;
+    use rand_core::{Rng, SeedableRng};
+    use rand_pcg::Pcg32;
+
+    /// Every sample of a strip equals the clamped sample of the whole image.
+    #[test]
+    fn samples_equal_those_of_the_clamped_image() {
+        let seed = 7;
+        let mut random = Pcg32::seed_from_u64(seed);
+        for (width, height, x_px, y_px) in
+            [(1, 1, 3, 2), (7, 3, 9, 4), (12, 20, 2, 3), (5, 9, 0, 0)]
+        {
+            let pixels: std::vec::Vec<u8> = (0..width * height)
+                .map(|_| random.next_u32() as u8)
+                .collect();
+            let view = View::new(&pixels, width, height).unwrap();
+            let support = Support { x_px, y_px };
+            for order in [Order::Columns, Order::Mirrored] {
+                let mut block = [0; 4096];
+                let mut arena = Arena::new(&mut block[..Strip::memory_words(width, support)]);
+                let mut strip = Strip::new(width, support, order, &mut arena).unwrap();
+                assert_eq!(arena.free_words(), 0);
+                let check = |strip: &Strip<'_>, y: usize| {
+                    for dy in -(y_px as i8)..=y_px as i8 {
+                        for dx in -(x_px as i8)..=x_px as i8 {
+                            let row = strip.samples(y as u32, Offset { dx, dy }, 0, width);
+                            for x in 0..width {
+                                let stored = match order {
+                                    Order::Columns => x,
+                                    Order::Mirrored => width - 1 - x,
+                                };
+                                assert_eq!(
+                                    row[stored],
+                                    view.sample(x, y, dx, dy),
+                                    "seed {seed}, {width}x{height}, {order:?}, ({x}, {y}), ({dx}, {dy})"
+                                );
+                            }
+                        }
+                    }
+                };
+                for (y, line) in view.lines().enumerate() {
+                    strip.push(line);
+                    if let Some(middle) = y.checked_sub(usize::from(y_px)) {
+                        check(&strip, middle);
+                    }
+                }
+                for y in height.saturating_sub(usize::from(y_px))..height {
+                    check(&strip, y);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn short_lines_are_filled_and_bad_requests_are_empty() {
+        let support = Support::square(1);
+        for order in [Order::Columns, Order::Mirrored] {
+            let mut block = [0; 16];
+            let mut strip = Strip::new(4, support, order, &mut Arena::new(&mut block)).unwrap();
+            strip.push(&[1, 2]);
+            let row = strip.samples(0, Offset { dx: 0, dy: 0 }, 0, 4);
+            match order {
+                Order::Columns => assert_eq!(row, [1, 2, 2, 2]),
+                Order::Mirrored => assert_eq!(row, [2, 2, 2, 1]),
+            }
+            strip.push(&[]);
+            assert_eq!(strip.samples(1, Offset { dx: 0, dy: 0 }, 0, 4), [0; 4]);
+            assert!(strip.samples(0, Offset { dx: 2, dy: 0 }, 0, 4).is_empty());
+            assert!(strip.samples(0, Offset { dx: 0, dy: 0 }, 2, 4).is_empty());
+        }
+    }
+}

@@ -1,0 +1,2 @@
+//! The `vgstereo` command.
+fn main() {}
