@@ -88,7 +88,6 @@ impl<'m, K: Kernels> Matcher<'m, K> {
     /// # Errors
     /// [`ConfigError`] when the configuration is not valid or the memory too small.
     pub fn new(config: &Config, kernels: K, memory: &'m mut [u32]) -> Result<Self, ConfigError> {
-        config.validate()?;
         let mut arena = Arena::new(memory);
         Ok(Self {
             rows: RowMatcher::new(config, kernels, &mut arena)?,

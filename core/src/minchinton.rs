@@ -12,6 +12,7 @@
 use core::fmt;
 
 use crate::kernel::Kernels;
+use crate::memory::{Arena, OutOfMemory};
 use crate::strip::Strip;
 use crate::synapse::{Offset, Synapses};
 use crate::view::View;
@@ -169,6 +170,7 @@ impl<W: Word, const WORDS: usize> Pattern<W, WORDS> {
 pub struct PatternRow<'m> {
     planes: &'m mut [u8],
     stride: usize,
+    count: usize,
 }
 
 impl<'m> PatternRow<'m> {
@@ -181,13 +183,16 @@ impl<'m> PatternRow<'m> {
         (width + Self::SLACK) * (synapses / CELLS_PER_BYTE)
     }
 
-    /// Uses lent storage of [`PatternRow::bytes`] for `width` patterns.
-    #[must_use]
-    pub fn new(planes: &'m mut [u8], width: usize) -> Self {
-        Self {
-            planes,
+    /// Patterns of `synapses` cells for `width` neurons.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] when the arena has less than [`PatternRow::bytes`] left.
+    pub fn new(width: usize, synapses: usize, arena: &mut Arena<'m>) -> Result<Self, OutOfMemory> {
+        Ok(Self {
+            planes: arena.take(Self::bytes(width, synapses))?,
             stride: width + Self::SLACK,
-        }
+            count: synapses / CELLS_PER_BYTE,
+        })
     }
 
     /// Observes `count` neurons of the strip's line `line`, from stored position
@@ -227,6 +232,7 @@ impl<'m> PatternRow<'m> {
         Planes {
             bytes: self.planes,
             stride: self.stride,
+            count: self.count,
         }
     }
 }
@@ -238,6 +244,8 @@ pub struct Planes<'a> {
     pub bytes: &'a [u8],
     /// Bytes from a pattern's byte to its next: patterns plus slack.
     pub stride: usize,
+    /// Planes: bytes per pattern.
+    pub count: usize,
 }
 
 #[cfg(test)]

@@ -1,1 +1,12 @@
 //! Host simulator of vgstereo.
+
+pub mod commands;
+pub mod dataset;
+pub mod disparity_files;
+pub mod files;
+pub mod frame;
+pub mod grey;
+pub mod kernels;
+pub mod metrics;
+pub mod pictures;
+pub mod scene;

@@ -1,2 +1,27 @@
-//! The `vgstereo` command.
-fn main() {}
+//! The `vgstereo` command: prints what a command gives, or one line of error and code 2.
+
+use std::io::{ErrorKind, Write};
+use std::process::ExitCode;
+
+use clap::Parser;
+use vgstereo_sim::commands::CommandLine;
+
+fn main() -> ExitCode {
+    match CommandLine::parse().run() {
+        Ok(text) => match std::io::stdout().write_all(text.as_bytes()) {
+            // The reader has seen enough.
+            Err(error) if error.kind() == ErrorKind::BrokenPipe => ExitCode::SUCCESS,
+            Err(error) => fail(&format!("cannot write to standard output: {error}")),
+            Ok(()) => ExitCode::SUCCESS,
+        },
+        Err(error) => fail(&format!("{error:#}")),
+    }
+}
+
+/// Says on one line what is wrong.
+fn fail(message: &str) -> ExitCode {
+    let line: Vec<&str> = message.split_whitespace().collect();
+    // Without standard error there is nobody left to tell.
+    let _ = writeln!(std::io::stderr(), "error: {}", line.join(" "));
+    ExitCode::from(2)
+}

@@ -1,10 +1,6 @@
 //! Hamming distances of one pattern to a run of stored patterns.
 
 use crate::minchinton::{PatternRow, Planes};
-use crate::synapse::MAX_SYNAPSES;
-
-/// Bytes of the longest pattern.
-pub const MAX_PATTERN_BYTES: usize = MAX_SYNAPSES / 8;
 
 /// Distances are written in blocks of this many; see [`distances`].
 pub const LANES: usize = PatternRow::SLACK;
@@ -15,15 +11,16 @@ const PLANES_PER_SUM: usize = 16;
 /// A distance no pattern has: it loses against every real one.
 pub const NO_DISTANCE: i16 = i16::MAX;
 
-/// Writes the distances of `pattern` to the stored patterns at positions `first`,
-/// `first + 1`, and so on, one for each of the first `count` elements of `distances`,
-/// and [`NO_DISTANCE`] in the elements after them.
+/// Writes the distances of the pattern at position `x` of `inputs` to the patterns at
+/// positions `first`, `first + 1`, and so on, of `stored`: one for each of the first
+/// `count` elements of `distances`, and [`NO_DISTANCE`] in the elements after them.
 ///
 /// `distances` has a multiple of [`LANES`] elements, less than [`LANES`] more than
 /// `count`. Rows that do not reach that far leave distances of 0.
 #[inline(always)]
 pub fn distances(
-    pattern: &[u8],
+    inputs: Planes<'_>,
+    x: usize,
     stored: Planes<'_>,
     first: usize,
     count: usize,
@@ -33,16 +30,16 @@ pub fn distances(
     let mut at = first;
     let (blocks, rest) = distances.as_chunks_mut::<{ 4 * LANES }>();
     for block in blocks {
-        *block = distances_block(pattern, stored, at);
+        *block = distances_block(inputs, x, stored, at);
         at += block.len();
     }
     let (blocks, rest) = rest.as_chunks_mut::<{ 2 * LANES }>();
     for block in blocks {
-        *block = distances_block(pattern, stored, at);
+        *block = distances_block(inputs, x, stored, at);
         at += block.len();
     }
     for block in rest.as_chunks_mut::<LANES>().0 {
-        *block = distances_block(pattern, stored, at);
+        *block = distances_block(inputs, x, stored, at);
         at += block.len();
     }
     if let Some(beyond) = distances.get_mut(count..) {
@@ -51,19 +48,31 @@ pub fn distances(
 }
 
 #[inline(always)]
-fn distances_block<const N: usize>(pattern: &[u8], stored: Planes<'_>, first: usize) -> [i16; N] {
+fn distances_block<const N: usize>(
+    inputs: Planes<'_>,
+    x: usize,
+    stored: Planes<'_>,
+    first: usize,
+) -> [i16; N] {
     let mut totals = [0_i16; N];
-    let groups = stored.bytes.chunks(PLANES_PER_SUM * stored.stride);
-    for (bytes, planes) in pattern.chunks(PLANES_PER_SUM).zip(groups) {
+    let (mut input_at, mut stored_at) = (x, first);
+    let mut left = inputs.count;
+    while left > 0 {
+        let group = left.min(PLANES_PER_SUM);
+        left -= group;
         let mut sums = [0_u8; N];
-        for (&byte, plane) in bytes.iter().zip(planes.chunks_exact(stored.stride)) {
-            let Some(run) = plane.get(first..).and_then(|run| run.first_chunk::<N>()) else {
-                continue;
-            };
-            for (sum, &other) in sums.iter_mut().zip(run) {
-                // At most 8, so that the sum stays within PLANES_PER_SUM * 8 = 128.
-                *sum += (byte ^ other).count_ones() as u8;
+        for _ in 0..group {
+            if let Some(&byte) = inputs.bytes.get(input_at)
+                && let Some(run) = stored.bytes.get(stored_at..)
+                && let Some(run) = run.first_chunk::<N>()
+            {
+                for (sum, &other) in sums.iter_mut().zip(run) {
+                    // At most 8, so that the sum stays within PLANES_PER_SUM * 8 = 128.
+                    *sum += (byte ^ other).count_ones() as u8;
+                }
             }
+            input_at += inputs.stride;
+            stored_at += stored.stride;
         }
         for (total, &sum) in totals.iter_mut().zip(&sums) {
             *total += i16::from(sum);

@@ -20,7 +20,6 @@ use rand_pcg::Pcg32;
 use crate::disparity::INVALID;
 use crate::minchinton::Planes;
 use crate::neuron::pick;
-use hamming::MAX_PATTERN_BYTES;
 
 /// How the nearest of several stored patterns at the same distance is chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -85,17 +84,8 @@ pub fn recall_row(row: &RowRecall<'_>, distances: &mut [i16], candidates_px: &mu
             Some(generator)
         }
     };
-    let mut pattern = [0_u8; MAX_PATTERN_BYTES];
     let mut start = row.first;
     for x in 0..row.count {
-        let mut bytes = 0;
-        for (byte, plane) in pattern
-            .iter_mut()
-            .zip(row.inputs.bytes.chunks_exact(row.inputs.stride))
-        {
-            *byte = plane.get(x).copied().unwrap_or(0);
-            bytes += 1;
-        }
         // Of the run of disparities, those whose column is inside the other view.
         let before = start.min(0).unsigned_abs();
         let first = start.max(0).unsigned_abs();
@@ -109,7 +99,7 @@ pub fn recall_row(row: &RowRecall<'_>, distances: &mut [i16], candidates_px: &mu
         let Some(run) = distances.get_mut(..count.next_multiple_of(LANES)) else {
             continue;
         };
-        self::distances(&pattern[..bytes], row.stored, first, count, run);
+        self::distances(row.inputs, x, row.stored, first, count, run);
         let nearest = nearest(run);
         if nearest.ties == 0 || nearest.distance == NO_DISTANCE {
             continue;

@@ -28,8 +28,9 @@ pub struct RowMatcher<'m, K> {
 }
 
 impl RowMatcher<'_, ()> {
-    /// Words of memory, from the parts in the order of [`RowMatcher::new`].
-    pub(crate) const fn memory_words(config: &Config) -> usize {
+    /// Words of memory: the first five parts of the table of [`Config::memory_words`].
+    #[must_use]
+    pub const fn memory_words(config: &Config) -> usize {
         let parameters = &config.parameters;
         let synapses = parameters.synapses as usize;
         let width = config.width as usize;
@@ -47,12 +48,12 @@ impl RowMatcher<'_, ()> {
 }
 
 impl<'m, K: Kernels> RowMatcher<'m, K> {
-    /// Draws the synapses and carves the memory; `config` has been validated.
-    pub(crate) fn new(
-        config: &Config,
-        kernels: K,
-        arena: &mut Arena<'m>,
-    ) -> Result<Self, ConfigError> {
+    /// Draws the synapses and carves the memory.
+    ///
+    /// # Errors
+    /// [`ConfigError`] when `config` is not valid or the arena is too small.
+    pub fn new(config: &Config, kernels: K, arena: &mut Arena<'m>) -> Result<Self, ConfigError> {
+        config.validate()?;
         let parameters = &config.parameters;
         let count = usize::from(parameters.synapses);
         let width = usize::from(config.width);
@@ -74,8 +75,8 @@ impl<'m, K: Kernels> RowMatcher<'m, K> {
             synapses,
             reference: Strip::new(width, support, Order::Columns, arena)?,
             other: Strip::new(width, support, other_order, arena)?,
-            inputs: PatternRow::new(arena.take(PatternRow::bytes(columns, count))?, columns),
-            stored: PatternRow::new(arena.take(PatternRow::bytes(width, count))?, width),
+            inputs: PatternRow::new(columns, count, arena)?,
+            stored: PatternRow::new(width, count, arena)?,
             distances: arena.take(usize::from(config.disparities.count).next_multiple_of(LANES))?,
             candidates_px: arena.take(usize::from(parameters.candidates) * columns)?,
             config: *config,

@@ -7,6 +7,8 @@
 //! so the passes follow each other one line apart and the filter is late by as many
 //! lines as it has passes, with the very result of whole-frame passes.
 
+use core::cell::Cell;
+
 use crate::disparity::INVALID;
 use crate::memory::{Arena, OutOfMemory, words};
 
@@ -121,50 +123,46 @@ impl<'m> VoteFilter<'m> {
 
     fn vote_row(&mut self, row: u32) {
         let width = self.width;
-        let ring = self.passes;
-        let range = voted_range(row, ring, width);
-        let above = row
-            .checked_sub(1)
-            .map(|above| voted_range(above, ring, width));
-        let below = (row + 1 < self.rows_in).then(|| voted_range(row + 1, ring, width));
+        let rows = self.passes as usize + 2;
+        let at = (row % (self.passes + 2)) as usize;
+        let above = (row > 0).then(|| if at == 0 { rows - 1 } else { at - 1 });
+        let below = (row + 1 < self.rows_in).then(|| if at + 1 == rows { 0 } else { at + 1 });
         let planes = self.candidates_range(row);
         let Some(planes) = self.candidates_px.get(planes) else {
             return;
         };
+        // Cells, so that the row being written and its neighbours are borrowed at once.
+        let voted = Cell::from_mut(&mut *self.voted_px).as_slice_of_cells();
+        let ring_row = |index: usize| voted.get(index * width..).and_then(|row| row.get(..width));
+        let Some(own) = ring_row(at) else {
+            return;
+        };
+        // A neighbour outside the frame has no disparity, and so no vote.
+        let above = above.and_then(ring_row);
+        let below = below.and_then(ring_row);
+        let value = |row: Option<&[Cell<i16>]>, x: usize| {
+            row.and_then(|row| row.get(x)).map_or(INVALID, Cell::get)
+        };
         let mut left = INVALID;
-        for x in 0..width {
-            let at = |range: &Option<core::ops::Range<usize>>| match range {
-                Some(range) => self
-                    .voted_px
-                    .get(range.start + x)
-                    .copied()
-                    .unwrap_or(INVALID),
-                None => INVALID,
-            };
-            let right = if x + 1 < width {
-                self.voted_px
-                    .get(range.start + x + 1)
-                    .copied()
-                    .unwrap_or(INVALID)
-            } else {
-                INVALID
-            };
-            let neighbours = [left, right, at(&above), at(&below)];
-            let Some(&current) = self.voted_px.get(range.start + x) else {
-                return;
-            };
-            let mut elected = current;
+        for (x, current) in own.iter().enumerate() {
+            let right = value(Some(own), x + 1);
+            let neighbours = [left, right, value(above, x), value(below, x)];
+            let mut elected = current.get();
             let mut most = 1;
-            for &candidate in planes.iter().skip(x).step_by(width) {
-                let votes = neighbours.iter().filter(|&&n| n == candidate).count();
+            let mut plane = x;
+            for _ in 0..self.candidates {
+                let candidate = planes.get(plane).copied().unwrap_or(INVALID);
+                plane += width;
+                let votes = neighbours
+                    .iter()
+                    .map(|&neighbour| u8::from(neighbour == candidate))
+                    .sum();
                 if votes > most && candidate != INVALID {
                     most = votes;
                     elected = candidate;
                 }
             }
-            if let Some(voted) = self.voted_px.get_mut(range.start + x) {
-                *voted = elected;
-            }
+            current.set(elected);
             left = elected;
         }
     }

@@ -1,0 +1,333 @@
+//! `vgstereo eval`: percentages of bad pixels on scenes with ground truth.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+use serde::Serialize;
+use vgstereo_core::config::Config;
+use vgstereo_core::disparity::DisparityRange;
+use vgstereo_core::preset::Preset;
+
+use super::{Overrides, kib, parse_preset, percent, progress_bar, table, width_of};
+use crate::dataset::{find_scenes, load_scene};
+use crate::files::{make_folder, write_png};
+use crate::frame::{GreyPair, Matched, match_frame};
+use crate::grey::grey;
+use crate::kernels::HostKernels;
+use crate::metrics::{BadPixels, mean};
+use crate::pictures::{colour_disparities, error_map};
+use crate::scene::Scene;
+
+/// The paper's results (its Table 2): nonocc, all, disc in percent.
+const PUBLISHED: [(&str, [f64; 3]); 4] = [
+    ("tsukuba", [9.18, 10.7, 20.3]),
+    ("venus", [7.91, 8.88, 22.2]),
+    ("teddy", [13.6, 22.4, 28.6]),
+    ("cones", [6.12, 14.7, 15.8]),
+];
+
+/// Arguments of `vgstereo eval`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "DIR holds one folder per scene: left.png, right.png, gt_left.png, meta.toml (d_max, gt_scale),\n\
+    and the masks nonocc.png, all.png, disc.png where there are.\n\n\
+    Example: vgstereo eval middlebury tsukuba venus teddy cones --preset paper-raw,paper"
+)]
+pub struct Eval {
+    /// Folder of scenes.
+    dir: PathBuf,
+    /// Scenes to measure, by the name of their folder [default: all directly in DIR].
+    scenes: Vec<String>,
+    /// Presets, separated by commas [default: all].
+    #[arg(long, value_name = "P,P", value_delimiter = ',', value_parser = parse_preset)]
+    preset: Vec<Preset>,
+    /// A pixel is bad when its disparity is further than this from the truth, px.
+    #[arg(long, value_name = "PX", default_value_t = 1.0)]
+    threshold: f32,
+    /// Repeat with each of these seeds, separated by commas, and report the spread.
+    #[arg(long, value_name = "N,N", value_delimiter = ',', conflicts_with_all = ["seed", "json"])]
+    seeds: Vec<u64>,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+    /// Write coloured disparities and error maps into this folder.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Threads per frame; the figures but the time do not depend on their number.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    threads: usize,
+    #[command(flatten)]
+    overrides: Overrides,
+}
+
+/// What `--json` prints.
+#[derive(Debug, Serialize)]
+struct Report {
+    presets: Vec<PresetReport>,
+}
+
+#[derive(Debug, Serialize)]
+struct PresetReport {
+    preset: String,
+    average: Option<f64>,
+    scenes: Vec<SceneReport>,
+}
+
+#[derive(Debug, Serialize)]
+struct SceneReport {
+    scene: String,
+    width: u32,
+    height: u32,
+    d_max: u16,
+    nonocc: Option<f64>,
+    all: Option<f64>,
+    disc: Option<f64>,
+    average: Option<f64>,
+    invalid: f64,
+    seconds: f64,
+    working_bytes: usize,
+    latency_lines: u32,
+}
+
+/// A scene ready to be matched.
+pub(super) struct Prepared {
+    pub(super) scene: Scene,
+    left: Vec<u8>,
+    right: Vec<u8>,
+    width: u16,
+}
+
+impl Prepared {
+    /// Loads a scene and converts it to grey.
+    pub(super) fn load(folder: &Path) -> Result<Self> {
+        let scene = load_scene(folder)?;
+        Ok(Self {
+            left: grey(&scene.left),
+            right: grey(&scene.right),
+            width: width_of(&scene.left).with_context(|| folder.display().to_string())?,
+            scene,
+        })
+    }
+
+    /// Matches it.
+    pub(super) fn matched(
+        &self,
+        parameters: vgstereo_core::config::Parameters,
+        threads: usize,
+    ) -> Result<Matched> {
+        let config = Config::new(parameters, self.width, self.disparities());
+        let pair = GreyPair {
+            left: &self.left,
+            right: &self.right,
+            width: self.width,
+        };
+        match_frame(&config, pair, HostKernels::fastest(), threads)
+            .with_context(|| self.scene.name.clone())
+    }
+
+    /// Measures disparities against the truth.
+    pub(super) fn measure(&self, matched: &Matched, threshold_px: f32) -> Result<BadPixels> {
+        let truth = self.scene.truth.as_ref();
+        let truth = truth.with_context(|| format!("{} has no ground truth", self.scene.name))?;
+        Ok(BadPixels::measure(
+            &matched.disparities_q4,
+            truth,
+            threshold_px,
+        ))
+    }
+
+    fn disparities(&self) -> DisparityRange {
+        DisparityRange::up_to(self.scene.d_max)
+    }
+}
+
+impl Eval {
+    /// Measures and prints a table or JSON.
+    ///
+    /// # Errors
+    /// One line that names the file or option and the reason.
+    pub fn run(self) -> Result<String> {
+        ensure!(self.threshold > 0.0, "--threshold must be above 0");
+        let presets = if self.preset.is_empty() {
+            Preset::ALL.to_vec()
+        } else {
+            self.preset.clone()
+        };
+        let folders = find_scenes(&self.dir, &self.scenes)?;
+        if let Some(out) = &self.out {
+            make_folder(out)?;
+        }
+        let seeds: Vec<Option<u64>> = match self.seeds.as_slice() {
+            [] => vec![self.overrides.seed],
+            seeds => seeds.iter().copied().map(Some).collect(),
+        };
+        let steps = presets.len() * folders.len() * seeds.len();
+        let bar = progress_bar(steps as u64, "matching");
+        let runs = seeds.len() * presets.len();
+        let mut reports: Vec<Vec<SceneReport>> = (0..runs).map(|_| Vec::new()).collect();
+        for folder in &folders {
+            let prepared = Prepared::load(folder)?;
+            let runs = seeds
+                .iter()
+                .flat_map(|seed| presets.iter().map(move |p| (seed, p)));
+            for ((&seed, &preset), reports) in runs.zip(&mut reports) {
+                let overrides = Overrides {
+                    seed,
+                    ..self.overrides
+                };
+                reports.push(self.measure(&prepared, preset, overrides)?);
+                bar.inc(1);
+            }
+        }
+        bar.finish_and_clear();
+        let mut by_seed: Vec<Report> = Vec::new();
+        let mut reports = reports.into_iter();
+        for _ in &seeds {
+            by_seed.push(Report {
+                presets: presets
+                    .iter()
+                    .zip(&mut reports)
+                    .map(|(preset, scenes)| PresetReport {
+                        preset: preset.name().to_owned(),
+                        average: mean(scenes.iter().filter_map(|scene| scene.average)),
+                        scenes,
+                    })
+                    .collect(),
+            });
+        }
+        match by_seed.as_slice() {
+            [report] if self.json => Ok(serde_json::to_string(report)? + "\n"),
+            [report] => Ok(self.results_table(report)),
+            by_seed => Ok(self.spread_table(by_seed)),
+        }
+    }
+
+    fn measure(
+        &self,
+        prepared: &Prepared,
+        preset: Preset,
+        overrides: Overrides,
+    ) -> Result<SceneReport> {
+        let matched = prepared.matched(overrides.apply(preset), self.threads)?;
+        let bad = prepared.measure(&matched, self.threshold)?;
+        let scene = &prepared.scene;
+        let (width, height) = scene.left.dimensions();
+        if let Some(out) = &self.out {
+            let map = &matched.disparities_q4;
+            let name = |what: &str| out.join(format!("{}-{preset}-{what}.png", scene.name));
+            let coloured = colour_disparities(map, width, prepared.disparities());
+            write_png(&name("disparity"), &coloured.into())?;
+            if let Some(truth) = &scene.truth {
+                let errors = error_map(map, width, truth, self.threshold);
+                write_png(&name("error"), &errors.into())?;
+            }
+        }
+        Ok(SceneReport {
+            scene: scene.name.clone(),
+            width,
+            height,
+            d_max: scene.d_max,
+            nonocc: bad.nonocc,
+            all: bad.all,
+            disc: bad.disc,
+            average: bad.average(),
+            invalid: bad.invalid,
+            seconds: matched.time.as_secs_f64(),
+            working_bytes: matched.working_bytes,
+            latency_lines: matched.latency_lines,
+        })
+    }
+
+    fn results_table(&self, report: &Report) -> String {
+        let mut table = table(
+            &[
+                "preset", "scene", "nonocc", "all", "disc", "average", "invalid", "ms", "KiB",
+                "lines",
+            ],
+            2,
+        );
+        for preset in &report.presets {
+            for scene in &preset.scenes {
+                table.add_row([
+                    preset.preset.clone(),
+                    scene.scene.clone(),
+                    percent(scene.nonocc),
+                    percent(scene.all),
+                    percent(scene.disc),
+                    percent(scene.average),
+                    percent(Some(scene.invalid)),
+                    format!("{:.1}", scene.seconds * 1e3),
+                    kib(scene.working_bytes),
+                    scene.latency_lines.to_string(),
+                ]);
+            }
+            table.add_row(average_row(&preset.preset, "average", preset.average));
+        }
+        let measured = report
+            .presets
+            .first()
+            .map_or(&[][..], |preset| &preset.scenes);
+        let published: Vec<_> = PUBLISHED
+            .iter()
+            .filter(|(name, _)| measured.iter().any(|scene| scene.scene == *name))
+            .collect();
+        for (name, masks) in &published {
+            let mut row = vec!["published".to_owned(), (*name).to_owned()];
+            row.extend(masks.iter().map(|&value| percent(Some(value))));
+            row.push(percent(mean(masks.iter().copied())));
+            table.add_row(row);
+        }
+        if published.len() == PUBLISHED.len() {
+            let average = mean(PUBLISHED.iter().flat_map(|(_, masks)| *masks));
+            table.add_row(average_row("published", "average", average));
+        }
+        let note = if published.is_empty() {
+            ""
+        } else {
+            "; published: the paper's own figures"
+        };
+        format!(
+            "{table}\nbad pixels in percent, further than {} px from the truth or without a disparity{note}\n",
+            self.threshold
+        )
+    }
+
+    fn spread_table(&self, by_seed: &[Report]) -> String {
+        let mut table = table(&["preset", "scene", "mean", "smallest", "largest"], 2);
+        let first = by_seed.first().map_or(&[][..], |report| &report.presets);
+        for (index, preset) in first.iter().enumerate() {
+            let mut add = |name: &str, averages: Vec<f64>| {
+                table.add_row([
+                    preset.preset.clone(),
+                    name.to_owned(),
+                    percent(mean(averages.iter().copied())),
+                    percent(averages.iter().copied().reduce(f64::min)),
+                    percent(averages.iter().copied().reduce(f64::max)),
+                ]);
+            };
+            let presets = || {
+                by_seed
+                    .iter()
+                    .filter_map(|report| report.presets.get(index))
+            };
+            for (place, scene) in preset.scenes.iter().enumerate() {
+                let averages = presets().filter_map(|p| p.scenes.get(place)?.average);
+                add(&scene.scene, averages.collect());
+            }
+            add("average", presets().filter_map(|p| p.average).collect());
+        }
+        format!(
+            "{table}\naverage over the masks of the bad pixels in percent, further than {} px; {} seeds\n",
+            self.threshold,
+            by_seed.len()
+        )
+    }
+}
+
+fn average_row(preset: &str, scene: &str, average: Option<f64>) -> Vec<String> {
+    let mut row = vec![preset.to_owned(), scene.to_owned()];
+    row.extend([String::new(), String::new(), String::new()]);
+    row.push(percent(average));
+    row
+}

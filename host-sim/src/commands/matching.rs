@@ -1,0 +1,160 @@
+//! `vgstereo match`: a rectified pair of images in, a disparity map out.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, ensure};
+use clap::{Args, ValueEnum};
+use vgstereo_core::config::Config;
+use vgstereo_core::disparity::{DisparityRange, Reference};
+use vgstereo_core::preset::Preset;
+
+use super::{Overrides, kib, milliseconds, parse_preset, width_of};
+use crate::disparity_files::DisparityFormat;
+use crate::files::{read_image, write_png};
+use crate::frame::{GreyPair, match_frame};
+use crate::grey::grey;
+use crate::kernels::HostKernels;
+use crate::pictures::colour_disparities;
+
+/// The largest disparity searched unless another is asked for, px.
+const DEFAULT_D_MAX: u16 = 63;
+
+/// Arguments of `vgstereo match`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Left column x matches right column x - d. The map is of the reference view.\n\n\
+    Example: vgstereo match left.png right.png --out disparity.png --d-max 59 --color colour.png"
+)]
+pub struct Match {
+    /// Left image: PNG, PPM, PGM or JPEG, colour or grey, rectified.
+    left: PathBuf,
+    /// Right image, of the same size.
+    right: PathBuf,
+    /// Disparity map to write: .png or .pgm (value = disparity x scale, 0 = none), or .pfm
+    /// (px, infinity = none).
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Largest disparity to search, px, smaller than the width [default: 63, or what the
+    /// width allows].
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    d_max: Option<i16>,
+    /// Smallest disparity to search, px; may be negative.
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 0,
+        allow_negative_numbers = true
+    )]
+    min_disparity: i16,
+    /// Preset; `vgstereo presets` lists them.
+    #[arg(long, value_name = "P", default_value_t = Preset::Paper, value_parser = parse_preset)]
+    preset: Preset,
+    /// The view that gets the disparities.
+    #[arg(long, value_enum, default_value_t = View::Left)]
+    reference: View,
+    /// Steps per px in a .png or .pgm: 8 bits where the range fits them, else 16; 256 makes
+    /// 16 bits as KITTI has [default: the largest whole one for 8 bits].
+    #[arg(long, value_name = "S")]
+    scale: Option<f32>,
+    /// Also write the map in colours, as PNG.
+    #[arg(long, value_name = "FILE")]
+    color: Option<PathBuf>,
+    /// Threads; the map does not depend on their number.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    threads: usize,
+    #[command(flatten)]
+    overrides: Overrides,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum View {
+    Left,
+    Right,
+}
+
+impl Match {
+    /// Matches the pair and writes the map.
+    ///
+    /// # Errors
+    /// One line that names the file or option and the reason; nothing is written then.
+    pub fn run(self) -> Result<String> {
+        let left = read_image(&self.left)?.into_rgb8();
+        let right = read_image(&self.right)?.into_rgb8();
+        ensure!(
+            left.dimensions() == right.dimensions(),
+            "{} is {}x{}, but {} is {}x{}: a rectified pair has one size",
+            self.left.display(),
+            left.width(),
+            left.height(),
+            self.right.display(),
+            right.width(),
+            right.height()
+        );
+        let width = width_of(&left).with_context(|| self.left.display().to_string())?;
+        let disparities = self.disparities(width)?;
+        let format = DisparityFormat::choose(&self.out, self.scale, disparities)?;
+        let config = Config {
+            reference: match self.reference {
+                View::Left => Reference::Left,
+                View::Right => Reference::Right,
+            },
+            ..Config::new(self.overrides.apply(self.preset), width, disparities)
+        };
+        let (left_grey, right_grey) = (grey(&left), grey(&right));
+        let pair = GreyPair {
+            left: &left_grey,
+            right: &right_grey,
+            width,
+        };
+        let matched = match_frame(&config, pair, HostKernels::fastest(), self.threads)?;
+        let map = &matched.disparities_q4;
+        format.write(&self.out, map, width.into())?;
+        let mut text = format!(
+            "{}: {}x{} px, disparities {} to {}, {} ms, {} KiB of working memory, {} lines of latency\n",
+            self.preset,
+            left.width(),
+            left.height(),
+            disparities.range_px().start,
+            disparities.range_px().end - 1,
+            milliseconds(matched.time),
+            kib(matched.working_bytes),
+            matched.latency_lines
+        );
+        writeln!(text, "wrote {}", self.out.display())?;
+        if let Some(path) = &self.color {
+            let picture = colour_disparities(map, width.into(), disparities);
+            write_png(path, &picture.into())?;
+            writeln!(text, "wrote {}", path.display())?;
+        }
+        Ok(text)
+    }
+
+    fn disparities(&self, width: u16) -> Result<DisparityRange> {
+        let widest = i32::from(width) - 1;
+        let d_max = match self.d_max {
+            Some(d_max) => i32::from(d_max),
+            None => i32::from(DEFAULT_D_MAX)
+                .min(widest)
+                .max(self.min_disparity.into()),
+        };
+        ensure!(
+            d_max <= widest,
+            "--d-max {d_max} is not smaller than the width of {width} px"
+        );
+        let minimum = i32::from(self.min_disparity);
+        ensure!(
+            minimum <= d_max,
+            "--min-disparity {minimum} is larger than the largest disparity, {d_max}"
+        );
+        let range = DisparityRange {
+            minimum_px: self.min_disparity,
+            count: u16::try_from(d_max - minimum + 1)?,
+        };
+        ensure!(
+            range.fits(width),
+            "disparities from {minimum} to {d_max} do not fit a width of {width} px (2047 px at most)"
+        );
+        Ok(range)
+    }
+}

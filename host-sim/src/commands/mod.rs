@@ -1,0 +1,139 @@
+//! The commands of `vgstereo`, each with its arguments and what it prints.
+
+use std::time::Duration;
+
+use anyhow::{Result, bail};
+use clap::{Args, Parser, Subcommand};
+use comfy_table::{CellAlignment, Table, presets};
+use image::RgbImage;
+use indicatif::{ProgressBar, ProgressStyle};
+use vgstereo_core::config::Parameters;
+use vgstereo_core::preset::Preset;
+
+pub mod demo;
+pub mod eval;
+pub mod matching;
+pub mod presets_table;
+pub mod sweep;
+
+/// Dense stereo matching with VG-RAM weightless neural networks, on the very core that
+/// firmware links.
+///
+/// Without a command: the demo.
+#[derive(Debug, Parser)]
+#[command(name = "vgstereo", version)]
+pub struct CommandLine {
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Match a built-in scene, fed line by line as a camera would, and write pictures of it.
+    Demo(demo::Demo),
+    /// Match a rectified pair of images and write its disparity map.
+    Match(matching::Match),
+    /// Measure presets on scenes with ground truth: percentages of bad pixels.
+    Eval(eval::Eval),
+    /// Measure the error over the number of synapses and sigma: the paper's Figures 3 to 6.
+    Sweep(sweep::Sweep),
+    /// Show each preset's parameters, working memory and latency.
+    Presets(presets_table::Presets),
+}
+
+impl CommandLine {
+    /// Runs the command; gives what to print.
+    ///
+    /// # Errors
+    /// One line that says what is wrong with the input, or which file could not be written.
+    pub fn run(self) -> Result<String> {
+        match self.command {
+            None => demo::Demo::default().run(),
+            Some(Command::Demo(demo)) => demo.run(),
+            Some(Command::Match(matching)) => matching.run(),
+            Some(Command::Eval(eval)) => eval.run(),
+            Some(Command::Sweep(sweep)) => sweep.run(),
+            Some(Command::Presets(presets)) => presets.run(),
+        }
+    }
+}
+
+/// Parameters that replace those of a preset.
+#[derive(Debug, Clone, Copy, Default, Args)]
+#[command(next_help_heading = "Parameters, instead of the preset's")]
+pub struct Overrides {
+    /// Synapses per neuron, |W|: a multiple of 16 from 16 to 1024.
+    #[arg(long, value_name = "N")]
+    pub synapses: Option<u16>,
+    /// Standard deviation of the synapses' offsets, px: above 0, at most 10. Their reach
+    /// becomes three times as much, rounded up.
+    #[arg(long, value_name = "X")]
+    pub sigma: Option<f32>,
+    /// Seed of the synapses' offsets and of random ties.
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+}
+
+impl Overrides {
+    /// The preset's parameters with these in their place.
+    #[must_use]
+    pub fn apply(self, preset: Preset) -> Parameters {
+        let mut parameters = preset.parameters();
+        if let Some(synapses) = self.synapses {
+            parameters.synapses = synapses;
+        }
+        if let Some(sigma_px) = self.sigma {
+            parameters = parameters.with_sigma(sigma_px);
+        }
+        if let Some(seed) = self.seed {
+            parameters = parameters.with_seed(seed);
+        }
+        parameters
+    }
+}
+
+/// Reads a preset's name.
+fn parse_preset(name: &str) -> Result<Preset, String> {
+    name.parse()
+        .map_err(|error: vgstereo_core::preset::UnknownPreset| error.to_string())
+}
+
+/// The width of an image as the core counts it.
+fn width_of(image: &RgbImage) -> Result<u16> {
+    match u16::try_from(image.width()) {
+        Ok(width) => Ok(width),
+        Err(_) => bail!("images are at most {} px wide", u16::MAX),
+    }
+}
+
+/// A bar for long work, on standard error, and only where a person looks on.
+fn progress_bar(steps: u64, what: &str) -> ProgressBar {
+    let style = ProgressStyle::with_template("{msg} [{bar:32}] {pos}/{len} {eta}")
+        .unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::new(steps)
+        .with_style(style)
+        .with_message(what.to_owned())
+}
+
+/// An empty table whose columns but the first `texts` are numbers.
+fn table(header: &[&str], texts: usize) -> Table {
+    let mut table = Table::new();
+    table.load_style(presets::ASCII_MARKDOWN).set_header(header);
+    for column in table.column_iter_mut().skip(texts) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    table
+}
+
+/// A percentage of two decimals; a dash where there is none.
+fn percent(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"))
+}
+
+fn milliseconds(time: Duration) -> String {
+    format!("{:.1}", time.as_secs_f64() * 1e3)
+}
+
+fn kib(bytes: usize) -> String {
+    format!("{:.1}", bytes as f64 / 1024.0)
+}

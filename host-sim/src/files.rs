@@ -1,0 +1,82 @@
+//! Reading and writing images: errors name the file, and no file is left half written.
+
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+
+use anyhow::{Context, Result, anyhow, bail};
+use image::{DynamicImage, ImageFormat, ImageReader};
+
+/// Reads a PNG, PPM, PGM or JPEG; the content decides, not the name.
+///
+/// # Errors
+/// One line that names the file and the reason.
+pub fn read_image(path: &Path) -> Result<DynamicImage> {
+    let reader = ImageReader::open(path)
+        .and_then(ImageReader::with_guessed_format)
+        .with_context(|| format!("cannot read {}", path.display()))?;
+    if reader.format().is_none() {
+        bail!(
+            "cannot read {}: neither PNG, PPM, PGM nor JPEG",
+            path.display()
+        );
+    }
+    let image = reader
+        .decode()
+        .map_err(|error| anyhow!("cannot read {}: {error}", path.display()))?;
+    if image.width() == 0 || image.height() == 0 {
+        bail!("cannot read {}: the image is empty", path.display());
+    }
+    Ok(image)
+}
+
+/// Writes a file whole or not at all: to a temporary file beside it, then renamed.
+///
+/// # Errors
+/// One line that names the file and the reason.
+pub fn write_file(path: &Path, bytes: &[u8]) -> Result<()> {
+    let folder = match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    let write = || -> std::io::Result<()> {
+        let mut builder = tempfile::Builder::new();
+        #[cfg(unix)]
+        {
+            // A temporary file is private; one for the user gets the usual rights.
+            use std::os::unix::fs::PermissionsExt;
+            builder.permissions(fs::Permissions::from_mode(0o666));
+        }
+        let mut file = builder.tempfile_in(folder)?;
+        file.write_all(bytes)?;
+        file.persist(path)?;
+        Ok(())
+    };
+    write().with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// Writes an image as PNG.
+///
+/// # Errors
+/// As [`write_file`].
+pub fn write_png(path: &Path, image: &DynamicImage) -> Result<()> {
+    write_file(path, &encode(image, ImageFormat::Png)?)
+}
+
+/// An image in the bytes of a file format.
+///
+/// # Errors
+/// When the format cannot hold the image.
+pub fn encode(image: &DynamicImage, format: ImageFormat) -> Result<Vec<u8>> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image.write_to(&mut bytes, format)?;
+    Ok(bytes.into_inner())
+}
+
+/// Makes a folder and those above it.
+///
+/// # Errors
+/// One line that names the folder and the reason.
+pub fn make_folder(path: &Path) -> Result<()> {
+    fs::create_dir_all(path).with_context(|| format!("cannot make the folder {}", path.display()))
+}

@@ -1,0 +1,190 @@
+//! Whole frames on the host, through the core's line-streaming matcher.
+
+use std::ops::Range;
+use std::time::{Duration, Instant};
+
+use rayon::prelude::*;
+use vgstereo_core::config::{Config, ConfigError, Region};
+use vgstereo_core::matcher::{Matcher, PushError};
+use vgstereo_core::matching::RowMatcher;
+use vgstereo_core::memory::Arena;
+use vgstereo_core::refine::Refiner;
+
+use crate::kernels::HostKernels;
+
+/// A pair of grey views of the same size, row-major without gaps.
+#[derive(Debug, Clone, Copy)]
+pub struct GreyPair<'a> {
+    /// Left view.
+    pub left: &'a [u8],
+    /// Right view.
+    pub right: &'a [u8],
+    /// Columns, px.
+    pub width: u16,
+}
+
+impl<'a> GreyPair<'a> {
+    fn lines(&self) -> impl Iterator<Item = (&'a [u8], &'a [u8])> + use<'a> {
+        let width = usize::from(self.width).max(1);
+        self.left
+            .chunks_exact(width)
+            .zip(self.right.chunks_exact(width))
+    }
+}
+
+/// What matching a frame gave and took.
+#[derive(Debug, Clone)]
+pub struct Matched {
+    /// Disparities of the region, 1/16 px, row-major.
+    pub disparities_q4: Vec<i16>,
+    /// Time from the first line in to the last line out, set-up of the memory excluded.
+    pub time: Duration,
+    /// Bytes of working memory that a matcher takes.
+    pub working_bytes: usize,
+    /// Lines from a pair going in to its disparities coming out.
+    pub latency_lines: u32,
+}
+
+/// Why a frame was not matched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FrameError {
+    /// The configuration is not valid.
+    Config(ConfigError),
+    /// The pair does not fit the configuration.
+    Push(PushError),
+}
+
+impl std::fmt::Display for FrameError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Config(error) => error.fmt(f),
+            Self::Push(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for FrameError {}
+
+impl From<ConfigError> for FrameError {
+    fn from(error: ConfigError) -> Self {
+        Self::Config(error)
+    }
+}
+
+impl From<PushError> for FrameError {
+    fn from(error: PushError) -> Self {
+        Self::Push(error)
+    }
+}
+
+/// Matches a frame with `threads` threads; the disparities do not depend on their number.
+///
+/// # Errors
+/// [`FrameError`] when the configuration is not valid or the pair has another width.
+pub fn match_frame(
+    config: &Config,
+    pair: GreyPair<'_>,
+    kernels: HostKernels,
+    threads: usize,
+) -> Result<Matched, FrameError> {
+    config.validate()?;
+    let mut memory = vec![0; config.memory_words()];
+    let mut disparities_q4 = Vec::new();
+    let started;
+    if threads <= 1 {
+        let mut matcher = Matcher::new(config, kernels, &mut memory)?;
+        started = Instant::now();
+        for (left, right) in pair.lines() {
+            if let Some(line) = matcher.push(left, right)? {
+                disparities_q4.extend_from_slice(line.disparities_q4);
+            }
+        }
+        while let Some(line) = matcher.finish() {
+            disparities_q4.extend_from_slice(line.disparities_q4);
+        }
+    } else {
+        if pair.width != config.width {
+            return Err(PushError::Width.into());
+        }
+        let mut refiner = Refiner::new(config, &mut Arena::new(&mut memory))?;
+        started = Instant::now();
+        for band in match_bands(config, pair, kernels, threads)? {
+            for row in band.chunks_exact(candidates_length(config)) {
+                if refiner.push(row) {
+                    disparities_q4.extend_from_slice(refiner.line_q4());
+                }
+            }
+        }
+        while refiner.flush() {
+            disparities_q4.extend_from_slice(refiner.line_q4());
+        }
+    }
+    Ok(Matched {
+        time: started.elapsed(),
+        disparities_q4,
+        working_bytes: config.memory_words() * size_of::<u32>(),
+        latency_lines: config.parameters.latency_lines(),
+    })
+}
+
+/// Rows of candidates do not depend on each other: each thread computes a band of them.
+/// The refinement after them goes over all rows in turn.
+fn match_bands(
+    config: &Config,
+    pair: GreyPair<'_>,
+    kernels: HostKernels,
+    threads: usize,
+) -> Result<Vec<Vec<i16>>, FrameError> {
+    let lines = u32::try_from(pair.lines().count()).map_err(|_| PushError::TooManyLines)?;
+    let region = config.region;
+    let end = region.y.saturating_add(region.height).min(lines);
+    let start = region.y.min(end);
+    let height = (end - start).div_ceil(threads.max(1) as u32).max(1);
+    let bands: Vec<Range<u32>> = (start..end)
+        .step_by(height as usize)
+        .map(|y| y..(y + height).min(end))
+        .collect();
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .expect("threads can be started");
+    pool.install(|| {
+        bands
+            .into_par_iter()
+            .map(|band| match_band(config, pair, kernels, band))
+            .collect()
+    })
+}
+
+fn match_band(
+    config: &Config,
+    pair: GreyPair<'_>,
+    kernels: HostKernels,
+    band: Range<u32>,
+) -> Result<Vec<i16>, FrameError> {
+    let config = Config {
+        region: Region {
+            y: band.start,
+            height: band.end - band.start,
+            ..config.region
+        },
+        ..*config
+    };
+    let mut memory = vec![0; RowMatcher::memory_words(&config)];
+    let mut rows = RowMatcher::new(&config, kernels, &mut Arena::new(&mut memory))?;
+    let mut candidates = Vec::with_capacity(band.len() * candidates_length(&config));
+    let reach = usize::from(config.parameters.support.y_px);
+    for (left, right) in pair.lines().take(band.end as usize + reach) {
+        if rows.push(left, right).is_some() {
+            candidates.extend_from_slice(rows.candidates_px());
+        }
+    }
+    while rows.flush().is_some() {
+        candidates.extend_from_slice(rows.candidates_px());
+    }
+    Ok(candidates)
+}
+
+fn candidates_length(config: &Config) -> usize {
+    usize::from(config.parameters.candidates) * usize::from(config.region.width)
+}

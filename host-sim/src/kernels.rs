@@ -1,0 +1,122 @@
+//! The core's kernels compiled for the widest vectors that this processor has.
+//!
+//! Core's reference kernels are plain loops that inline everywhere. Compiled here once
+//! more with wider instruction sets enabled, they give the same bits from vector
+//! registers of 32 or 64 bytes. The set is chosen at run time.
+
+use vgstereo_core::kernel::{Kernels, Portable};
+use vgstereo_core::matching::RowRecall;
+use vgstereo_core::minchinton::CELLS_PER_BYTE;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Level {
+    Portable,
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+}
+
+/// A kernel set that this processor can run.
+///
+/// The level is private: a value exists only of a level that was detected.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct HostKernels(Level);
+
+impl HostKernels {
+    /// All sets this processor can run, slowest first; the first is the reference.
+    #[must_use]
+    pub fn available() -> Vec<Self> {
+        let mut levels = vec![Self(Level::Portable)];
+        #[cfg(target_arch = "x86_64")]
+        {
+            if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("popcnt") {
+                levels.push(Self(Level::Avx2));
+            }
+            if is_x86_feature_detected!("avx512f")
+                && is_x86_feature_detected!("avx512bw")
+                && is_x86_feature_detected!("avx512vl")
+                && is_x86_feature_detected!("avx512bitalg")
+                && is_x86_feature_detected!("popcnt")
+            {
+                levels.push(Self(Level::Avx512));
+            }
+        }
+        levels
+    }
+
+    /// The fastest set this processor can run.
+    #[must_use]
+    pub fn fastest() -> Self {
+        let mut available = Self::available();
+        available.pop().unwrap_or(Self(Level::Portable))
+    }
+
+    /// The set's name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self.0 {
+            Level::Portable => "portable",
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2 => "avx2",
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512 => "avx512",
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+macro_rules! compiled_for {
+    ($module:ident, $features:literal) => {
+        mod $module {
+            use vgstereo_core::kernel;
+            use vgstereo_core::matching::{self, RowRecall};
+            use vgstereo_core::minchinton::CELLS_PER_BYTE;
+
+            #[target_feature(enable = $features)]
+            pub fn pack_cells(samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
+                kernel::pack_cells(samples, packed);
+            }
+
+            #[target_feature(enable = $features)]
+            pub fn recall_row(
+                row: &RowRecall<'_>,
+                distances: &mut [i16],
+                candidates_px: &mut [i16],
+            ) {
+                matching::recall_row(row, distances, candidates_px);
+            }
+        }
+    };
+}
+
+#[cfg(target_arch = "x86_64")]
+compiled_for!(avx2, "avx2,popcnt");
+#[cfg(target_arch = "x86_64")]
+compiled_for!(avx512, "avx512f,avx512bw,avx512vl,avx512bitalg,popcnt");
+
+impl Kernels for HostKernels {
+    fn pack_cells(&self, samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
+        match self.0 {
+            Level::Portable => Portable.pack_cells(samples, packed),
+            // SAFETY: a value of this level exists only where `available` saw its features.
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2 => unsafe { avx2::pack_cells(samples, packed) },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512 => unsafe { avx512::pack_cells(samples, packed) },
+        }
+    }
+
+    fn recall_row(&self, row: &RowRecall<'_>, distances: &mut [i16], candidates_px: &mut [i16]) {
+        match self.0 {
+            Level::Portable => Portable.recall_row(row, distances, candidates_px),
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2 => unsafe { avx2::recall_row(row, distances, candidates_px) },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512 => unsafe { avx512::recall_row(row, distances, candidates_px) },
+        }
+    }
+}

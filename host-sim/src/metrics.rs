@@ -1,0 +1,90 @@
+//! The benchmark's measure: the percentage of bad pixels over each mask.
+
+use vgstereo_core::disparity::{INVALID, STEPS_PER_PX};
+
+use crate::scene::GroundTruth;
+
+/// Percentages of bad pixels: those without a disparity, or with one further than the
+/// threshold from the truth (Scharstein and Szeliski 2002, equation 2).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BadPixels {
+    /// Over pixels seen by both views.
+    pub nonocc: Option<f64>,
+    /// Over all pixels to evaluate.
+    pub all: Option<f64>,
+    /// Over pixels near discontinuities.
+    pub disc: Option<f64>,
+    /// Pixels without a disparity, in percent of the image.
+    pub invalid: f64,
+}
+
+impl BadPixels {
+    /// Measures `disparities_q4`, 1/16 px, of the left view against its truth.
+    #[must_use]
+    pub fn measure(disparities_q4: &[i16], truth: &GroundTruth, threshold_px: f32) -> Self {
+        let over = |mask: &Option<Vec<bool>>| {
+            let mask = mask.as_ref()?;
+            let mut pixels = 0_u32;
+            let mut bad = 0_u32;
+            for ((&found, &known), &inside) in disparities_q4.iter().zip(&truth.left_px).zip(mask) {
+                if inside && !known.is_nan() {
+                    pixels += 1;
+                    bad += u32::from(is_bad(found, known, threshold_px));
+                }
+            }
+            (pixels > 0).then(|| 100.0 * f64::from(bad) / f64::from(pixels))
+        };
+        let invalid = disparities_q4.iter().filter(|&&d| d == INVALID).count();
+        Self {
+            nonocc: over(&truth.nonocc),
+            all: over(&truth.all),
+            disc: over(&truth.disc),
+            invalid: 100.0 * invalid as f64 / disparities_q4.len().max(1) as f64,
+        }
+    }
+
+    /// The mean over the masks there are; `None` without any.
+    #[must_use]
+    pub fn average(&self) -> Option<f64> {
+        mean([self.nonocc, self.all, self.disc].into_iter().flatten())
+    }
+}
+
+/// Whether a disparity in 1/16 px is bad against a truth in px.
+#[must_use]
+pub fn is_bad(found_q4: i16, truth_px: f32, threshold_px: f32) -> bool {
+    found_q4 == INVALID
+        || (f32::from(found_q4) / f32::from(STEPS_PER_PX) - truth_px).abs() > threshold_px
+}
+
+/// The mean of some numbers; `None` of none.
+#[must_use]
+pub fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (sum, count) = values.fold((0.0, 0_u32), |(sum, count), value| (sum + value, count + 1));
+    (count > 0).then(|| sum / f64::from(count))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bad_is_further_than_the_threshold_or_nothing() {
+        assert!(!is_bad(160, 9.0, 1.0));
+        assert!(is_bad(161, 9.0, 1.0));
+        assert!(is_bad(INVALID, 9.0, 1.0));
+        let truth = GroundTruth {
+            left_px: vec![1.0, 2.0, 3.0, f32::NAN],
+            right_px: None,
+            nonocc: Some(vec![true, false, false, true]),
+            all: Some(vec![true; 4]),
+            disc: None,
+        };
+        let found = BadPixels::measure(&[16, 16 * 4, INVALID, 0], &truth, 1.0);
+        assert_eq!(found.nonocc, Some(0.0));
+        assert!((found.all.unwrap() - 200.0 / 3.0).abs() < 1e-9);
+        assert_eq!(found.disc, None);
+        assert_eq!(found.invalid, 25.0);
+        assert!((found.average().unwrap() - 100.0 / 3.0).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,69 @@
+//! Pictures for people: coloured disparities and error maps.
+
+use image::{Rgb, RgbImage};
+use vgstereo_core::disparity::{DisparityRange, INVALID, px_to_q4};
+
+use crate::metrics::is_bad;
+use crate::scene::GroundTruth;
+
+const BLACK: Rgb<u8> = Rgb([0, 0, 0]);
+
+/// Colours disparities, 1/16 px, row-major, over their range: far blue, near red; black
+/// where there is none.
+#[must_use]
+pub fn colour_disparities(disparities_q4: &[i16], width: u32, range: DisparityRange) -> RgbImage {
+    let px = |range_px: i32| i16::try_from(range_px).unwrap_or(i16::MAX);
+    let range = range.range_px();
+    let low = f64::from(px_to_q4(px(range.start)));
+    let high = f64::from(px_to_q4(px(range.end - 1))).max(low + 1.0);
+    picture(disparities_q4, width, |&disparity_q4| {
+        if disparity_q4 == INVALID {
+            return BLACK;
+        }
+        let position = (f64::from(disparity_q4) - low) / (high - low);
+        let colour = colorous::TURBO.eval_continuous(position.clamp(0.0, 1.0));
+        Rgb([colour.r, colour.g, colour.b])
+    })
+}
+
+/// Marks pixels against the truth: grey where right, red where bad and seen by both
+/// views, orange where bad and occluded, black where the truth is unknown.
+#[must_use]
+pub fn error_map(
+    disparities_q4: &[i16],
+    width: u32,
+    truth: &GroundTruth,
+    threshold_px: f32,
+) -> RgbImage {
+    let pixels: Vec<Rgb<u8>> = disparities_q4
+        .iter()
+        .zip(&truth.left_px)
+        .enumerate()
+        .map(|(index, (&found, &known))| {
+            let flag = |mask: &Option<Vec<bool>>| {
+                mask.as_ref()
+                    .is_none_or(|mask| mask.get(index).copied().unwrap_or(false))
+            };
+            if known.is_nan() || !(flag(&truth.all) || flag(&truth.nonocc)) {
+                BLACK
+            } else if !is_bad(found, known, threshold_px) {
+                Rgb([200, 200, 200])
+            } else if flag(&truth.nonocc) {
+                Rgb([214, 39, 40])
+            } else {
+                Rgb([255, 166, 48])
+            }
+        })
+        .collect();
+    picture(&pixels, width, |&colour| colour)
+}
+
+fn picture<T>(pixels: &[T], width: u32, colour: impl Fn(&T) -> Rgb<u8>) -> RgbImage {
+    let width = width.max(1);
+    let height = pixels.len() / width as usize;
+    let mut picture = RgbImage::new(width, u32::try_from(height).unwrap_or(0));
+    for (to, from) in picture.pixels_mut().zip(pixels) {
+        *to = colour(from);
+    }
+    picture
+}

@@ -1,0 +1,387 @@
+//! The command line as a user meets it: what it writes, and how it refuses bad input.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use assert_cmd::Command;
+use image::{DynamicImage, GrayImage, Luma, Rgb, RgbImage};
+use tempfile::TempDir;
+
+/// A folder of its own with a textured pair, shifted by 5 px.
+struct Fixture {
+    folder: TempDir,
+}
+
+const WIDTH: u32 = 80;
+const HEIGHT: u32 = 40;
+const SHIFT: u32 = 5;
+
+impl Fixture {
+    fn new() -> Self {
+        let fixture = Self {
+            folder: tempfile::tempdir().unwrap(),
+        };
+        texture(0).save(fixture.path("left.png")).unwrap();
+        texture(SHIFT).save(fixture.path("right.png")).unwrap();
+        fixture
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Runs `vgstereo` in the folder.
+    fn run(&self, arguments: &[&str]) -> Outcome {
+        let output = Command::cargo_bin("vgstereo")
+            .unwrap()
+            .current_dir(self.folder.path())
+            .args(arguments)
+            .output()
+            .unwrap();
+        Outcome {
+            code: output.status.code(),
+            stdout: String::from_utf8(output.stdout).unwrap(),
+            stderr: String::from_utf8(output.stderr).unwrap(),
+        }
+    }
+
+    /// The names of the files in the folder.
+    fn files(&self) -> Vec<String> {
+        let entries = fs::read_dir(self.folder.path()).unwrap();
+        let mut names: Vec<String> = entries
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        names
+    }
+
+    /// A refusal: code 2, one line on standard error with these words, nothing written.
+    #[track_caller]
+    fn refuses(&self, arguments: &[&str], words: &[&str]) {
+        let before = self.files();
+        let outcome = self.run(arguments);
+        assert_eq!(outcome.code, Some(2), "{arguments:?}: {}", outcome.stderr);
+        assert_eq!(outcome.stdout, "", "{arguments:?}");
+        assert_eq!(outcome.stderr.lines().count(), 1, "{}", outcome.stderr);
+        for word in words {
+            assert!(outcome.stderr.contains(word), "{word:?} in {}", outcome.stderr);
+        }
+        assert_eq!(self.files(), before, "{arguments:?} wrote something");
+    }
+}
+
+struct Outcome {
+    code: Option<i32>,
+    stdout: String,
+    stderr: String,
+}
+
+/// A texture without repetition, its columns moved to the left by `shift`.
+fn texture(shift: u32) -> RgbImage {
+    RgbImage::from_fn(WIDTH, HEIGHT, |x, y| {
+        let mixed = ((x + shift) * 2_654_435 + y * 40_503).wrapping_mul(2_246_822_519) >> 15;
+        Rgb([mixed as u8, (mixed >> 3) as u8, (mixed >> 5) as u8])
+    })
+}
+
+/// The fraction of inner pixels that have this value.
+fn fraction(image: &DynamicImage, value: u16) -> f64 {
+    let image = image.to_luma16();
+    let bits = |pixel: &Luma<u16>| pixel.0[0];
+    let inner = (8..HEIGHT - 8).flat_map(|y| (20..WIDTH - 20).map(move |x| (x, y)));
+    let found: Vec<u16> = inner.map(|(x, y)| bits(image.get_pixel(x, y))).collect();
+    found.iter().filter(|&&v| v == value).count() as f64 / found.len() as f64
+}
+
+#[test]
+fn match_writes_every_format_and_the_colours() {
+    let fixture = Fixture::new();
+    let outcome = fixture.run(&[
+        "match", "left.png", "right.png", "--out", "a.png", "--d-max", "20", "--scale", "256",
+        "--color", "colour.png",
+    ]);
+    assert_eq!((outcome.code, outcome.stderr.as_str()), (Some(0), ""));
+    assert!(outcome.stdout.contains("wrote a.png") && outcome.stdout.contains("wrote colour.png"));
+    let map = image::open(fixture.path("a.png")).unwrap();
+    assert!(matches!(map, DynamicImage::ImageLuma16(_)));
+    assert!(fraction(&map, SHIFT as u16 * 256) > 0.99);
+    let colour = image::open(fixture.path("colour.png")).unwrap();
+    assert_eq!((colour.width(), colour.height()), (WIDTH, HEIGHT));
+
+    for name in ["b.pgm", "b.png"] {
+        let outcome = fixture.run(&[
+            "match", "left.png", "right.png", "--out", name, "--d-max", "20", "--scale", "4",
+            "--reference", "right", "--preset", "paper-raw",
+        ]);
+        assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+        let map = image::open(fixture.path(name)).unwrap();
+        assert!(matches!(map, DynamicImage::ImageLuma8(_)));
+        // Widening 8 bits to 16 repeats the byte.
+        assert!(fraction(&map, SHIFT as u16 * 4 * 257) > 0.99, "{name}");
+    }
+    let pfm = ["match", "right.png", "left.png", "--out", "c.pfm", "--d-max", "3", "--min-disparity", "-9"];
+    assert_eq!(fixture.run(&pfm).code, Some(0));
+    let bytes = fs::read(fixture.path("c.pfm")).unwrap();
+    let header = format!("Pf\n{WIDTH} {HEIGHT}\n-1.0\n");
+    assert_eq!(bytes.len(), header.len() + (WIDTH * HEIGHT * 4) as usize);
+    let middle = header.len() + 4 * (HEIGHT / 2 * WIDTH + WIDTH / 2) as usize;
+    let px = f32::from_le_bytes(bytes[middle..middle + 4].try_into().unwrap());
+    assert_eq!(px, -(SHIFT as f32), "the views exchanged, the sign turns");
+}
+
+#[test]
+fn match_reads_every_format_and_gives_the_same_map() {
+    let fixture = Fixture::new();
+    let grey: GrayImage = DynamicImage::from(texture(0)).into_luma8();
+    for (name, image) in [
+        ("left.ppm", DynamicImage::from(texture(0))),
+        ("left.pgm", DynamicImage::from(grey.clone())),
+        ("left.jpg", DynamicImage::from(texture(0))),
+        ("grey.png", DynamicImage::from(grey)),
+    ] {
+        image.save(fixture.path(name)).unwrap();
+        let outcome = fixture.run(&["match", name, "right.png", "--out", "a.png", "--d-max", "20"]);
+        assert_eq!(outcome.code, Some(0), "{name}: {}", outcome.stderr);
+        let map = image::open(fixture.path("a.png")).unwrap();
+        // The largest whole scale that keeps 20 px in 8 bits is 12.
+        assert!(fraction(&map, SHIFT as u16 * 12 * 257) > 0.9, "{name}");
+    }
+}
+
+#[test]
+fn match_obeys_its_parameters_and_seeds() {
+    let fixture = Fixture::new();
+    let map = |name: &str, more: &[&str]| {
+        let mut arguments = vec![
+            "match", "left.png", "right.png", "--preset", "paper-raw", "--d-max", "30", "--out", name,
+        ];
+        arguments.extend(more);
+        assert_eq!(fixture.run(&arguments).code, Some(0));
+        fs::read(fixture.path(name)).unwrap()
+    };
+    let narrow = ["--synapses", "16", "--sigma", "1", "--seed"];
+    let first = map("a.png", &[narrow.as_slice(), &["3"]].concat());
+    assert_eq!(first, map("b.png", &[narrow.as_slice(), &["3", "--threads", "3"]].concat()));
+    assert_ne!(first, map("c.png", &[narrow.as_slice(), &["4"]].concat()));
+    assert_ne!(first, map("d.png", &["--seed", "3"]));
+}
+
+#[test]
+fn match_refuses_bad_input() {
+    let fixture = Fixture::new();
+    texture(0).save(fixture.path("whole.png")).unwrap();
+    RgbImage::new(WIDTH, HEIGHT + 1).save(fixture.path("taller.png")).unwrap();
+    fs::write(fixture.path("text.png"), "no image").unwrap();
+    fs::write(fixture.path("empty.png"), "").unwrap();
+    fs::write(fixture.path("zero.pgm"), "P5\n0 0\n255\n").unwrap();
+    let png = fs::read(fixture.path("left.png")).unwrap();
+    fs::write(fixture.path("cut.png"), &png[..png.len() / 2]).unwrap();
+    let run = |left, right, more: &[&'static str], words: &[&str]| {
+        let mut arguments = vec!["match", left, right];
+        if !more.contains(&"--out") {
+            arguments.extend(["--out", "out.png"]);
+        }
+        arguments.extend(more);
+        fixture.refuses(&arguments, words);
+    };
+    run("none.png", "right.png", &[], &["none.png", "No such file"]);
+    run("left.png", "none.png", &[], &["none.png", "No such file"]);
+    run("text.png", "right.png", &[], &["text.png"]);
+    run("empty.png", "right.png", &[], &["empty.png"]);
+    run("zero.pgm", "zero.pgm", &[], &["zero.pgm"]);
+    run("cut.png", "right.png", &[], &["cut.png"]);
+    run("left.png", "taller.png", &[], &["taller.png", "80x40", "80x41"]);
+    run("left.png", "right.png", &["--d-max", "80"], &["80", "width"]);
+    run("left.png", "right.png", &["--d-max", "3000"], &["3000", "width"]);
+    run("left.png", "right.png", &["--d-max", "4", "--min-disparity", "5"], &["5", "4"]);
+    run("left.png", "right.png", &["--min-disparity", "-80", "--out", "out.pfm"], &["-80", "80"]);
+    run("left.png", "right.png", &["--min-disparity", "-1"], &[".pfm", "negative"]);
+    run("left.png", "right.png", &["--out", "out.bmp"], &["out.bmp", ".png"]);
+    run("left.png", "right.png", &["--out", "no/folder/out.png"], &["no/folder/out.png"]);
+    run("left.png", "right.png", &["--synapses", "20"], &["synapses", "16"]);
+    run("left.png", "right.png", &["--sigma", "11"], &["sigma", "10"]);
+    run("left.png", "right.png", &["--sigma", "NaN"], &["sigma"]);
+    run("left.png", "right.png", &["--scale", "0"], &["--scale 0"]);
+    run("left.png", "right.png", &["--color", "no/folder/c.png"], &["no/folder/c.png"]);
+}
+
+/// What clap itself refuses also ends with code 2.
+#[test]
+fn unknown_words_are_refused() {
+    let fixture = Fixture::new();
+    for arguments in [
+        &["mach"][..],
+        &["match", "left.png"],
+        &["match", "left.png", "right.png", "--out", "a.png", "--preset", "best"],
+        &["match", "left.png", "right.png", "--out", "a.png", "--d-max", "many"],
+        &["eval", ".", "--preset", "paper,,"],
+    ] {
+        let outcome = fixture.run(arguments);
+        assert_eq!(outcome.code, Some(2), "{arguments:?}");
+        assert!(outcome.stderr.starts_with("error: "), "{}", outcome.stderr);
+        assert_eq!(fixture.files(), ["left.png", "right.png"]);
+    }
+    let unknown = fixture.run(&["sweep", ".", "--preset", "best"]);
+    assert!(unknown.stderr.contains("paper-raw"), "{}", unknown.stderr);
+}
+
+/// Makes a scene folder; `gt` in the file's own steps.
+fn write_scene(folder: &Path, gt: &DynamicImage, meta: &str, masks: &[&str]) {
+    fs::create_dir_all(folder).unwrap();
+    texture(0).save(folder.join("left.png")).unwrap();
+    texture(SHIFT).save(folder.join("right.png")).unwrap();
+    gt.save(folder.join("gt_left.png")).unwrap();
+    fs::write(folder.join("meta.toml"), meta).unwrap();
+    for mask in masks {
+        let inner = |x, y| (20..WIDTH - 20).contains(&x) && (8..HEIGHT - 8).contains(&y);
+        GrayImage::from_fn(WIDTH, HEIGHT, |x, y| Luma([if inner(x, y) { 255 } else { 128 }]))
+            .save(folder.join(mask))
+            .unwrap();
+    }
+}
+
+fn two_scenes() -> Fixture {
+    let fixture = Fixture::new();
+    let byte = GrayImage::from_pixel(WIDTH, HEIGHT, Luma([4 * SHIFT as u8]));
+    write_scene(
+        &fixture.path("set/a"),
+        &byte.into(),
+        "d_max = 12\ngt_scale = 4\n",
+        &["nonocc.png", "all.png", "disc.png"],
+    );
+    let wide = image::ImageBuffer::from_pixel(WIDTH, HEIGHT, Luma([256 * (SHIFT as u16 + 2)]));
+    write_scene(
+        &fixture.path("set/b"),
+        &DynamicImage::ImageLuma16(wide),
+        "d_max = 12\ngt_scale = 256\n",
+        &["nonocc.png"],
+    );
+    // Not a scene: it has folders, not images.
+    fs::create_dir_all(fixture.path("set/group/deep")).unwrap();
+    fixture
+}
+
+#[test]
+fn eval_prints_the_stated_json() {
+    let fixture = two_scenes();
+    let outcome = fixture.run(&["eval", "set", "--preset", "paper", "--json"]);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    let report: serde_json::Value = serde_json::from_str(&outcome.stdout).unwrap();
+    let preset = &report["presets"][0];
+    assert_eq!(preset["preset"], "paper");
+    let scenes = preset["scenes"].as_array().unwrap();
+    assert_eq!(scenes.len(), 2);
+    let keys: Vec<&str> = scenes[0].as_object().unwrap().keys().map(String::as_str).collect();
+    let mut expected = vec![
+        "scene", "width", "height", "d_max", "nonocc", "all", "disc", "average", "invalid",
+        "seconds", "working_bytes", "latency_lines",
+    ];
+    expected.sort_unstable();
+    let mut sorted = keys.clone();
+    sorted.sort_unstable();
+    assert_eq!(sorted, expected);
+    assert_eq!((&scenes[0]["scene"], &scenes[0]["width"], &scenes[0]["height"], &scenes[0]["d_max"]),
+        (&"a".into(), &WIDTH.into(), &HEIGHT.into(), &12.into()));
+    for mask in ["nonocc", "all", "disc", "average"] {
+        assert!(scenes[0][mask].as_f64().unwrap() < 1.0, "{mask}");
+    }
+    // 2 px off everywhere, and only one mask.
+    assert!(scenes[1]["nonocc"].as_f64().unwrap() > 99.0);
+    assert!(scenes[1]["all"].is_null() && scenes[1]["disc"].is_null());
+    assert_eq!(scenes[1]["average"], scenes[1]["nonocc"]);
+    let mean = (scenes[0]["average"].as_f64().unwrap() + scenes[1]["average"].as_f64().unwrap()) / 2.0;
+    assert!((preset["average"].as_f64().unwrap() - mean).abs() < 1e-9);
+    assert_eq!(scenes[0]["latency_lines"], 20);
+
+    let loose = fixture.run(&["eval", "set", "b", "--preset", "paper", "--json", "--threshold", "3"]);
+    let report: serde_json::Value = serde_json::from_str(&loose.stdout).unwrap();
+    assert!(report["presets"][0]["average"].as_f64().unwrap() < 1.0);
+}
+
+#[test]
+fn eval_prints_tables_and_writes_pictures() {
+    let fixture = two_scenes();
+    let outcome = fixture.run(&["eval", "set", "--out", "pictures", "--threads", "2"]);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    for word in ["paper-raw", "paper ", "| a ", "| b ", "average", "lines"] {
+        assert!(outcome.stdout.contains(word), "{word:?} in {}", outcome.stdout);
+    }
+    for name in ["a-paper-disparity.png", "a-paper-error.png", "b-paper-raw-error.png"] {
+        let picture = image::open(fixture.path("pictures").join(name)).unwrap();
+        assert_eq!((picture.width(), picture.height()), (WIDTH, HEIGHT));
+    }
+    let spread = fixture.run(&["eval", "set", "--seeds", "1,2,3", "--preset", "paper"]);
+    assert!(spread.stdout.contains("3 seeds"), "{}", spread.stdout);
+}
+
+#[test]
+fn eval_and_sweep_refuse_bad_folders() {
+    let fixture = two_scenes();
+    fixture.refuses(&["eval", "nowhere"], &["nowhere", "No such file"]);
+    fixture.refuses(&["eval", "set/group"], &["set/group", "no scenes"]);
+    fixture.refuses(&["eval", "set", "c"], &["set/c", "left.png"]);
+    fixture.refuses(&["eval", "set", "--threshold", "0"], &["--threshold"]);
+    fixture.refuses(&["sweep", "set", "--plot", "plot.png"], &["plot.png", ".svg"]);
+    fixture.refuses(&["sweep", "set", "--synapses", "20"], &["synapses"]);
+    for (file, bytes, words) in [
+        ("meta.toml", &b"d_max = 12\n"[..], &["set/a/meta.toml", "gt_scale"][..]),
+        ("meta.toml", b"d_max = 12\ngt_scale = 0\n", &["set/a/meta.toml", "gt_scale"]),
+        ("meta.toml", b"d_max = 80\ngt_scale = 4\n", &["a", "disparities"]),
+        ("gt_left.png", b"", &["set/a/gt_left.png"]),
+        ("all.png", b"P5 1 1 255\n0", &["set/a/all.png", "1x1", "80x40"]),
+    ] {
+        let path = fixture.path("set/a").join(file);
+        let kept = fs::read(&path).unwrap();
+        fs::write(&path, bytes).unwrap();
+        fixture.refuses(&["eval", "set", "a"], words);
+        fs::write(&path, kept).unwrap();
+    }
+    assert_eq!(fixture.run(&["eval", "set", "a"]).code, Some(0));
+}
+
+#[test]
+fn sweep_prints_the_stated_json_and_plots() {
+    let fixture = two_scenes();
+    let outcome = fixture.run(&[
+        "sweep", "set", "a", "--synapses", "16,64", "--sigma", "1,2.5,4", "--json", "--plot", "plot.svg",
+    ]);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    let report: serde_json::Value = serde_json::from_str(&outcome.stdout).unwrap();
+    let points = report["points"].as_array().unwrap();
+    assert_eq!(points.len(), 6);
+    assert_eq!(points[1]["scene"], "a");
+    assert_eq!(points[1]["synapses"], 16);
+    assert_eq!(points[1]["sigma"], 2.5);
+    for mask in ["nonocc", "all", "disc", "average"] {
+        assert!(points.iter().all(|point| point[mask].is_f64()), "{mask}");
+    }
+    let svg = fs::read_to_string(fixture.path("plot.svg")).unwrap();
+    assert!(svg.starts_with("<svg") && svg.contains("|W| = 64") && svg.contains("sigma, px"));
+}
+
+#[test]
+fn presets_are_listed_with_their_memory() {
+    let fixture = Fixture::new();
+    let outcome = fixture.run(&["presets", "--width", "450", "--d-max", "59"]);
+    assert_eq!(outcome.code, Some(0));
+    for word in ["paper-raw", "paper ", "256", "54.7", "any height"] {
+        assert!(outcome.stdout.contains(word), "{word:?} in {}", outcome.stdout);
+    }
+    fixture.refuses(&["presets", "--width", "59", "--d-max", "59"], &["59"]);
+}
+
+#[test]
+fn a_reader_that_leaves_is_no_error() {
+    let fixture = Fixture::new();
+    let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin!("vgstereo"))
+        .current_dir(fixture.folder.path())
+        .arg("presets")
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(String::from_utf8(output.stderr).unwrap(), "");
+    assert!(output.status.success());
+}

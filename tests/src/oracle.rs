@@ -1,0 +1,140 @@
+//! The method on whole images: the shortest code that is evidently right.
+
+use rand_core::{Rng, SeedableRng};
+use rand_pcg::Pcg32;
+use vgstereo_core::config::Config;
+use vgstereo_core::disparity::{INVALID, Reference, px_to_q4};
+use vgstereo_core::matching::TieBreak;
+use vgstereo_core::synapse::{Offset, Synapses};
+
+use crate::Pair;
+
+/// Disparities of the whole reference view, 1/16 px, of a configuration whose region is
+/// the whole view.
+#[must_use]
+pub fn match_whole(pair: &Pair, config: &Config) -> Vec<i16> {
+    let parameters = &config.parameters;
+    let mut stored = vec![[0; 2]; usize::from(parameters.synapses)];
+    let mut generator = Pcg32::seed_from_u64(parameters.seed);
+    let synapses = Synapses::draw(
+        &mut stored,
+        parameters.sigma_px,
+        parameters.support,
+        &mut generator,
+    )
+    .unwrap();
+    let candidates = candidates(pair, config, synapses);
+    let mut map: Vec<i16> = candidates.iter().map(|list| list[0]).collect();
+    vote(&mut map, &candidates, pair.width, parameters.vote_passes);
+    let map = median(&map, pair.width, i32::from(parameters.median_reach_px));
+    map.into_iter().map(px_to_q4).collect()
+}
+
+/// For each pixel the recalled disparity, then the others by distance and disparity;
+/// always `config.parameters.candidates` of them.
+fn candidates(pair: &Pair, config: &Config, synapses: Synapses<'_>) -> Vec<Vec<i16>> {
+    let (reference, other) = match config.reference {
+        Reference::Left => (&pair.left, &pair.right),
+        Reference::Right => (&pair.right, &pair.left),
+    };
+    let pattern = |pixels: &[u8], x: i32, y: i32| -> Vec<bool> {
+        let sample = |offset: Offset| {
+            let column = (x + i32::from(offset.dx)).clamp(0, pair.width as i32 - 1);
+            let line = (y + i32::from(offset.dy)).clamp(0, pair.height as i32 - 1);
+            pixels[line as usize * pair.width + column as usize]
+        };
+        let samples: Vec<u8> = synapses.iter().map(sample).collect();
+        let n = samples.len();
+        (0..n).map(|r| samples[r] > samples[(r + 1) % n]).collect()
+    };
+    let mut lists = Vec::new();
+    for y in 0..pair.height as i32 {
+        let memory: Vec<_> = (0..pair.width as i32)
+            .map(|x| pattern(other, x, y))
+            .collect();
+        for x in 0..pair.width as i32 {
+            let input = pattern(reference, x, y);
+            let mut recalled: Vec<(usize, i32)> = Vec::new();
+            for d in config.disparities.range_px() {
+                let column = match config.reference {
+                    Reference::Left => x - d,
+                    Reference::Right => x + d,
+                };
+                if let Some(stored) = usize::try_from(column).ok().and_then(|c| memory.get(c)) {
+                    let distance = input.iter().zip(stored).filter(|(a, b)| a != b).count();
+                    recalled.push((distance, d));
+                }
+            }
+            recalled.sort_unstable();
+            let mut list: Vec<i16> = recalled.iter().map(|&(_, d)| d as i16).collect();
+            list.resize(
+                usize::from(config.parameters.candidates).max(list.len()),
+                INVALID,
+            );
+            if let TieBreak::Random { seed } = config.parameters.ties {
+                let ties = recalled.iter().filter(|r| r.0 == recalled[0].0).count();
+                // The draw of column x is number x of the line's own generator.
+                let mut generator = Pcg32::seed_from_u64(seed.wrapping_add(y as u64));
+                let draw = (0..=x).map(|_| generator.next_u32()).last().unwrap();
+                if ties > 0 {
+                    list[0] = list[(u64::from(draw) * ties as u64 >> 32) as usize];
+                }
+            }
+            list.truncate(config.parameters.candidates.into());
+            lists.push(list);
+        }
+    }
+    lists
+}
+
+/// Whole-frame passes of the vote, each in place from the top left.
+fn vote(map: &mut [i16], candidates: &[Vec<i16>], width: usize, passes: u8) {
+    for _ in 0..passes {
+        for i in 0..map.len() {
+            let mut neighbours = Vec::new();
+            if i % width > 0 {
+                neighbours.push(map[i - 1]);
+            }
+            if i % width + 1 < width {
+                neighbours.push(map[i + 1]);
+            }
+            if i >= width {
+                neighbours.push(map[i - width]);
+            }
+            if i + width < map.len() {
+                neighbours.push(map[i + width]);
+            }
+            let votes = |c: i16| neighbours.iter().filter(|&&n| n == c).count();
+            let mut most = 1;
+            for &candidate in candidates[i].iter().filter(|&&c| c != INVALID) {
+                if votes(candidate) > most {
+                    most = votes(candidate);
+                    map[i] = candidate;
+                }
+            }
+        }
+    }
+}
+
+/// The lower median of the valid pixels of the window inside the image.
+fn median(map: &[i16], width: usize, reach: i32) -> Vec<i16> {
+    let (columns, lines) = (width as i32, (map.len() / width) as i32);
+    let mut output = map.to_vec();
+    for y in 0..lines {
+        for x in 0..columns {
+            let mut window = Vec::new();
+            for v in (y - reach).max(0)..=(y + reach).min(lines - 1) {
+                for u in (x - reach).max(0)..=(x + reach).min(columns - 1) {
+                    window.push(map[(v * columns + u) as usize]);
+                }
+            }
+            window.retain(|&d| d != INVALID);
+            window.sort_unstable();
+            let centre = (y * columns + x) as usize;
+            if map[centre] != INVALID {
+                output[centre] = window[(window.len() - 1) / 2];
+            }
+        }
+    }
+    output
+}

@@ -1,0 +1,235 @@
+//! What the matcher promises of memory, latency, frames and refusals.
+
+use vgstereo_core::config::{Config, ConfigError, Parameters, Region};
+use vgstereo_core::disparity::DisparityRange;
+use vgstereo_core::kernel::Portable;
+use vgstereo_core::matcher::{Matcher, PushError};
+use vgstereo_core::memory::OutOfMemory;
+use vgstereo_core::preset::Preset;
+use vgstereo_core::synapse::{Support, SynapseError};
+use vgstereo_sim::frame::{GreyPair, match_frame};
+use vgstereo_sim::kernels::HostKernels;
+use vgstereo_tests::Pair;
+
+/// The reference configuration: Middlebury's Teddy.
+const TEDDY: Config = Config::new(
+    Preset::PaperRaw.parameters(),
+    450,
+    DisparityRange::up_to(59),
+);
+
+// The parts of the table at `Config::memory_words`, each rounded up to words.
+const _: () = assert!(
+    TEDDY.memory_words() * 4
+        == 2 * 256 + 2 * (25 * 474 + 2) + 2 * (466 * 32) + 2 * 64 + 2 * 450 + 2 * 450
+);
+const _: () = assert!(TEDDY.memory_words() * 4 <= 96 * 1024);
+
+#[test]
+fn exactly_the_stated_memory_is_enough() {
+    for preset in Preset::ALL {
+        for (width, d_max) in [(450, 59), (33, 32), (1, 0), (320, 47)] {
+            let config = Config::new(preset.parameters(), width, DisparityRange::up_to(d_max));
+            let mut memory = vec![0; config.memory_words()];
+            assert!(Matcher::new(&config, Portable, &mut memory).is_ok());
+            let short = &mut memory[1..];
+            let refused = Matcher::new(&config, Portable, short).map(|_| ());
+            assert_eq!(
+                refused,
+                Err(ConfigError::Memory(OutOfMemory)),
+                "{preset} {width}"
+            );
+        }
+    }
+}
+
+/// The first line comes with pair number `latency_lines`, then one with every pair, and
+/// `finish` gives as many as were held back.
+#[test]
+fn latency_is_as_stated() {
+    for preset in Preset::ALL {
+        let config = Config::new(preset.parameters(), 24, DisparityRange::up_to(9));
+        let latency = config.parameters.latency_lines();
+        assert_eq!(
+            latency,
+            match preset {
+                // 12 lines of support; 5 passes of the vote and half a median of 7.
+                Preset::PaperRaw => 12,
+                _ => 12 + 5 + 3,
+            }
+        );
+        for height in [1, latency, latency + 1, 3 * latency] {
+            let mut memory = vec![0; config.memory_words()];
+            let mut matcher = Matcher::new(&config, Portable, &mut memory).unwrap();
+            for pair in 0..height {
+                let line = matcher
+                    .push(&[9; 24], &[9; 24])
+                    .unwrap()
+                    .map(|line| line.line);
+                assert_eq!(line, pair.checked_sub(latency), "{preset}");
+            }
+            let held = (0..).take_while(|_| matcher.finish().is_some()).count();
+            assert_eq!(held as u32, latency.min(height), "{preset}");
+        }
+    }
+}
+
+#[test]
+fn frames_do_not_leak_into_each_other() {
+    for preset in Preset::ALL {
+        let config = Config::new(preset.parameters(), 40, DisparityRange::up_to(15));
+        let (first, second) = (Pair::random(40, 30, 200, 1), Pair::random(40, 23, 200, 2));
+        let alone = second.stream(&config, Portable);
+        let mut memory = vec![0; config.memory_words()];
+        let mut matcher = Matcher::new(&config, Portable, &mut memory).unwrap();
+        let push = |matcher: &mut Matcher<'_>, pair: &Pair| -> Vec<i16> {
+            let lines = pair.left.chunks(40).zip(pair.right.chunks(40));
+            let mut map = Vec::new();
+            for (left, right) in lines {
+                let line = matcher.push(left, right).unwrap();
+                map.extend(
+                    line.into_iter()
+                        .flat_map(|line| line.disparities_q4.to_vec()),
+                );
+            }
+            map
+        };
+        // A frame that ends, then one that is broken off, then the one that counts.
+        push(&mut matcher, &first);
+        while matcher.finish().is_some() {}
+        push(&mut matcher, &first);
+        matcher.reset();
+        let mut map = push(&mut matcher, &second);
+        while let Some(line) = matcher.finish() {
+            map.extend_from_slice(line.disparities_q4);
+        }
+        assert_eq!(map, alone, "{preset}");
+    }
+}
+
+#[test]
+fn refused_lines_change_nothing() {
+    let config = Config::new(Preset::Paper.parameters(), 40, DisparityRange::up_to(15));
+    let pair = Pair::random(40, 30, 200, 1);
+    let mut memory = vec![0; config.memory_words()];
+    let mut matcher = Matcher::new(&config, Portable, &mut memory).unwrap();
+    let mut map = Vec::new();
+    for (left, right) in pair.left.chunks(40).zip(pair.right.chunks(40)) {
+        assert_eq!(matcher.push(&left[1..], right), Err(PushError::Width));
+        assert_eq!(matcher.push(left, &[0; 41]), Err(PushError::Width));
+        let line = matcher.push(left, right).unwrap();
+        map.extend(
+            line.into_iter()
+                .flat_map(|line| line.disparities_q4.to_vec()),
+        );
+    }
+    while let Some(line) = matcher.finish() {
+        map.extend_from_slice(line.disparities_q4);
+        let refused = matcher.push(&pair.left[..40], &pair.right[..40]);
+        assert_eq!(refused, Err(PushError::Finishing));
+    }
+    assert_eq!(map, pair.stream(&config, Portable));
+}
+
+#[test]
+fn configurations_out_of_range_are_refused() {
+    let refusal = |change: &dyn Fn(&mut Config)| {
+        let mut config = Config::new(Preset::Paper.parameters(), 40, DisparityRange::up_to(15));
+        change(&mut config);
+        Matcher::new(&config, Portable, &mut vec![0; 1 << 20]).err()
+    };
+    assert_eq!(refusal(&|_| ()), None);
+    for synapses in [0, 8, 24, 1040, u16::MAX] {
+        let refused = refusal(&|c| c.parameters.synapses = synapses);
+        assert_eq!(refused, Some(ConfigError::Synapses), "{synapses}");
+    }
+    for sigma_px in [0.0, -1.0, 10.1, f32::NAN, f32::INFINITY] {
+        let refused = refusal(&|c| c.parameters.sigma_px = sigma_px);
+        assert_eq!(
+            refused,
+            Some(ConfigError::Synapse(SynapseError::Sigma)),
+            "{sigma_px}"
+        );
+    }
+    let refused = refusal(&|c| c.parameters.support = Support::square(128));
+    assert_eq!(refused, Some(ConfigError::Synapse(SynapseError::Support)));
+    for candidates in [0, 17, 255] {
+        let refused = refusal(&|c| c.parameters.candidates = candidates);
+        assert_eq!(refused, Some(ConfigError::Candidates), "{candidates}");
+    }
+    let refused = refusal(&|c| c.parameters.median_reach_px = 64);
+    assert_eq!(refused, Some(ConfigError::Median));
+    for (minimum_px, count) in [(0, 41), (0, 0), (-40, 3), (38, 3), (i16::MIN, u16::MAX)] {
+        let refused = refusal(&|c| c.disparities = DisparityRange { minimum_px, count });
+        assert_eq!(
+            refused,
+            Some(ConfigError::Disparities),
+            "{minimum_px} {count}"
+        );
+    }
+    assert_eq!(refusal(&|c| c.width = 0), Some(ConfigError::Disparities));
+    for (x, width, height) in [
+        (0, 0, 1),
+        (0, 1, 0),
+        (40, 1, 1),
+        (1, 40, 1),
+        (u16::MAX, u16::MAX, 9),
+    ] {
+        let refused = refusal(&|c| {
+            c.region = Region {
+                x,
+                y: 0,
+                width,
+                height,
+            }
+        });
+        assert_eq!(refused, Some(ConfigError::Region), "{x} {width} {height}");
+    }
+}
+
+/// Every parameter at its upper end at once.
+#[test]
+fn the_largest_parameters_run() {
+    let pair = Pair::random(30, 4, 200, 6);
+    let parameters = Parameters {
+        synapses: 1024,
+        sigma_px: 10.0,
+        support: Support::square(127),
+        candidates: 16,
+        vote_passes: u8::MAX,
+        median_reach_px: 63,
+        ..Preset::Paper.parameters()
+    };
+    let config = Config::new(parameters, 30, DisparityRange::up_to(29));
+    let map = pair.stream(&config, Portable);
+    assert_eq!(map, vgstereo_tests::oracle::match_whole(&pair, &config));
+}
+
+#[test]
+fn threads_give_the_same_frame() {
+    let pair = Pair::random(61, 47, 30, 9);
+    let grey = GreyPair {
+        left: &pair.left,
+        right: &pair.right,
+        width: 61,
+    };
+    for preset in Preset::ALL {
+        let mut config = Config::new(preset.parameters(), 61, DisparityRange::up_to(20));
+        for region in [
+            Region::whole(61),
+            Region {
+                x: 9,
+                y: 11,
+                width: 40,
+                height: 17,
+            },
+        ] {
+            config.region = region;
+            let alone = pair.stream(&config, Portable);
+            for threads in [1, 2, 3, 64] {
+                let matched = match_frame(&config, grey, HostKernels::fastest(), threads).unwrap();
+                assert_eq!(matched.disparities_q4, alone, "{preset}, {threads} threads");
+            }
+        }
+    }
+}

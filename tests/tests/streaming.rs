@@ -1,0 +1,305 @@
+//! The line-streaming matcher against the literal network and the whole-image oracle.
+
+use proptest::prelude::*;
+use rand_core::{Rng, SeedableRng};
+use rand_pcg::Pcg32;
+use vgstereo_core::config::{Config, Parameters, Region};
+use vgstereo_core::disparity::{DisparityRange, INVALID, Reference, px_to_q4};
+use vgstereo_core::kernel::Portable;
+use vgstereo_core::matching::TieBreak;
+use vgstereo_core::minchinton::Word;
+use vgstereo_core::network::{DisparityNeuron, Network, Ties, Wiring};
+use vgstereo_core::synapse::{Support, Synapses};
+use vgstereo_sim::kernels::HostKernels;
+use vgstereo_tests::{Pair, oracle};
+
+/// More disparities than any size below has columns.
+const CAPACITY: usize = 64;
+
+fn plain(synapses: u16, sigma_px: f32, support: Support, seed: u64) -> Parameters {
+    Parameters {
+        synapses,
+        sigma_px,
+        support,
+        seed,
+        ties: TieBreak::Lowest,
+        candidates: 1,
+        vote_passes: 0,
+        median_reach_px: 0,
+    }
+}
+
+/// The literal network's disparities, 1/16 px.
+fn literal<W: Word, const WORDS: usize>(pair: &Pair, config: &Config, own: bool) -> Vec<i16> {
+    let parameters = &config.parameters;
+    let count = usize::from(parameters.synapses);
+    let neurons = pair.width * pair.height;
+    let mut stored = vec![[0; 2]; count];
+    let mut generator = Pcg32::seed_from_u64(parameters.seed);
+    Synapses::draw(
+        &mut stored,
+        parameters.sigma_px,
+        parameters.support,
+        &mut generator,
+    )
+    .unwrap();
+    let repeated = stored.repeat(neurons);
+    let wiring = if own {
+        Wiring::PerNeuron {
+            offsets: Synapses::from_stored(&repeated),
+            synapses: count,
+        }
+    } else {
+        Wiring::Shared(Synapses::from_stored(&stored))
+    };
+    let mut memory: Vec<DisparityNeuron<W, WORDS, CAPACITY>> = Vec::new();
+    memory.resize_with(neurons, DisparityNeuron::new);
+    let mut network = Network::new(&mut memory, pair.width, wiring).unwrap();
+    let (reference, other) = match config.reference {
+        Reference::Left => (pair.left_view(), pair.right_view()),
+        Reference::Right => (pair.right_view(), pair.left_view()),
+    };
+    network
+        .train(&other, config.disparities, config.reference)
+        .unwrap();
+    let mut map = vec![0; neurons];
+    network
+        .test::<Pcg32>(&reference, Ties::Lowest, &mut map)
+        .unwrap();
+    map.into_iter().map(px_to_q4).collect()
+}
+
+fn reference() -> impl Strategy<Value = Reference> {
+    prop_oneof![Just(Reference::Left), Just(Reference::Right)]
+}
+
+/// Sizes from one pixel, ranges up to all that the width allows, negative ones too.
+fn sized_pair() -> impl Strategy<Value = (Pair, DisparityRange)> {
+    (1_usize..34, 1_usize..14, 2_u32..40, any::<u64>()).prop_flat_map(
+        |(width, height, levels, seed)| {
+            let widest = width as i16 - 1;
+            (-widest..=widest).prop_flat_map(move |minimum_px| {
+                (minimum_px..=widest).prop_map(move |maximum_px| {
+                    let range = DisparityRange {
+                        minimum_px,
+                        count: (maximum_px - minimum_px + 1).unsigned_abs(),
+                    };
+                    (Pair::random(width, height, levels, seed), range)
+                })
+            })
+        },
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 150, ..ProptestConfig::default() })]
+
+    #[test]
+    fn streaming_equals_the_literal_network(
+        (pair, disparities) in sized_pair(),
+        reference in reference(),
+        words in 1_u16..=4,
+        sigma_px in 0.3_f32..10.0,
+        (x_px, y_px) in (0_u8..9, 0_u8..7),
+        seed in any::<u64>(),
+    ) {
+        let parameters = plain(16 * words, sigma_px, Support { x_px, y_px }, seed);
+        let config = Config {
+            reference,
+            ..Config::new(parameters, pair.width as u16, disparities)
+        };
+        let streamed = pair.stream(&config, Portable);
+        prop_assert_eq!(&streamed, &literal::<u32, 2>(&pair, &config, false));
+        prop_assert_eq!(&streamed, &literal::<u64, 1>(&pair, &config, true));
+    }
+
+    #[test]
+    fn every_stage_equals_the_oracle(
+        (pair, disparities) in sized_pair(),
+        reference in reference(),
+        words in 1_u16..=20,
+        random_ties in any::<bool>(),
+        candidates in 1_u8..=16,
+        vote_passes in 0_u8..=6,
+        median_reach_px in 0_u8..=4,
+        seed in any::<u64>(),
+    ) {
+        let parameters = Parameters {
+            ties: if random_ties { TieBreak::Random { seed } } else { TieBreak::Lowest },
+            candidates,
+            vote_passes,
+            median_reach_px,
+            ..plain(16 * words, 2.0, Support::three_sigma(2.0), seed)
+        };
+        let config = Config {
+            reference,
+            ..Config::new(parameters, pair.width as u16, disparities)
+        };
+        let expected = oracle::match_whole(&pair, &config);
+        for kernels in HostKernels::available() {
+            prop_assert_eq!(&pair.stream(&config, kernels), &expected, "{}", kernels.name());
+        }
+    }
+
+    #[test]
+    fn a_region_is_a_crop_of_the_whole(
+        (pair, disparities) in sized_pair(),
+        reference in reference(),
+        corners in any::<[prop::sample::Index; 4]>(),
+        seed in any::<u64>(),
+    ) {
+        let parameters = Parameters {
+            ties: TieBreak::Random { seed },
+            ..plain(32, 2.0, Support::three_sigma(2.0), seed)
+        };
+        let whole = Config {
+            reference,
+            ..Config::new(parameters, pair.width as u16, disparities)
+        };
+        let x = corners[0].index(pair.width);
+        let y = corners[1].index(pair.height);
+        let width = 1 + corners[2].index(pair.width - x);
+        let height = 1 + corners[3].index(pair.height - y);
+        let region = Region { x: x as u16, y: y as u32, width: width as u16, height: height as u32 };
+        let cropped: Vec<i16> = pair
+            .stream(&whole, Portable)
+            .chunks(pair.width)
+            .skip(y)
+            .take(height)
+            .flat_map(|line| line[x..x + width].to_vec())
+            .collect();
+        prop_assert_eq!(pair.stream(&Config { region, ..whole }, Portable), cropped);
+    }
+}
+
+/// The sizes where mistakes hide, by name rather than by chance.
+#[test]
+fn extreme_sizes_equal_the_oracle() {
+    for (width, height) in [
+        (1, 1),
+        (1, 9),
+        (2, 1),
+        (17, 1),
+        (33, 2),
+        (63, 3),
+        (64, 3),
+        (65, 3),
+    ] {
+        for reference in [Reference::Left, Reference::Right] {
+            let pair = Pair::random(width, height, 9, 5);
+            let parameters = Parameters {
+                candidates: 4,
+                vote_passes: 3,
+                median_reach_px: 2,
+                ..plain(48, 4.0, Support::three_sigma(4.0), 11)
+            };
+            let disparities = DisparityRange::up_to(width as u16 - 1);
+            let config = Config {
+                reference,
+                ..Config::new(parameters, width as u16, disparities)
+            };
+            let expected = oracle::match_whole(&pair, &config);
+            for kernels in HostKernels::available() {
+                let found = pair.stream(&config, kernels);
+                assert_eq!(
+                    found,
+                    expected,
+                    "{width}x{height}, {reference:?}, {}",
+                    kernels.name()
+                );
+            }
+        }
+    }
+}
+
+/// The longest pattern and both ends of the range of distances.
+#[test]
+fn a_thousand_synapses_equal_the_oracle() {
+    let pair = Pair::random(71, 2, 256, 3);
+    let parameters = plain(1024, 10.0, Support::three_sigma(10.0), 2);
+    let config = Config::new(parameters, 71, DisparityRange::up_to(69));
+    let expected = oracle::match_whole(&pair, &config);
+    for kernels in HostKernels::available() {
+        assert_eq!(
+            pair.stream(&config, kernels),
+            expected,
+            "{}",
+            kernels.name()
+        );
+    }
+}
+
+/// A shifted texture is found again at its shift, in both views, at a negative one too.
+#[test]
+fn a_shifted_texture_has_its_shift() {
+    let (width, height, shift) = (96_usize, 24, 7_usize);
+    let mut random = Pcg32::seed_from_u64(4);
+    let strip: Vec<u8> = (0..(width + shift) * height)
+        .map(|_| random.next_u32() as u8)
+        .collect();
+    let cut = |from: usize| -> Vec<u8> {
+        let lines = strip.chunks_exact(width + shift);
+        lines
+            .flat_map(|line| line[from..from + width].to_vec())
+            .collect()
+    };
+    let (near, far) = (cut(0), cut(shift));
+    for (left, right, expected) in [(&near, &far, 7), (&far, &near, -7)] {
+        let pair = Pair {
+            width,
+            height,
+            left: left.clone(),
+            right: right.clone(),
+        };
+        for reference in [Reference::Left, Reference::Right] {
+            let range = DisparityRange {
+                minimum_px: -12,
+                count: 25,
+            };
+            let parameters = plain(128, 2.0, Support::three_sigma(2.0), 1);
+            let config = Config {
+                reference,
+                ..Config::new(parameters, width as u16, range)
+            };
+            let map = pair.stream(&config, Portable);
+            // Where the match and all samples are inside both views.
+            for line in map.chunks_exact(width) {
+                assert!(
+                    line[20..width - 20].iter().all(|&d| d == expected * 16),
+                    "{reference:?}"
+                );
+            }
+        }
+    }
+}
+
+/// Columns whose every match lies outside the other view have no disparity, not 0.
+#[test]
+fn pixels_without_a_match_inside_are_invalid() {
+    let pair = Pair::random(20, 5, 50, 8);
+    for (reference, invalid) in [(Reference::Left, 0..6), (Reference::Right, 14..20)] {
+        let range = DisparityRange {
+            minimum_px: 6,
+            count: 4,
+        };
+        let parameters = Parameters {
+            candidates: 3,
+            vote_passes: 2,
+            median_reach_px: 1,
+            ..plain(32, 2.0, Support::three_sigma(2.0), 1)
+        };
+        let config = Config {
+            reference,
+            ..Config::new(parameters, 20, range)
+        };
+        for line in pair.stream(&config, Portable).chunks_exact(20) {
+            for (x, &disparity_q4) in line.iter().enumerate() {
+                assert_eq!(
+                    disparity_q4 == INVALID,
+                    invalid.contains(&x),
+                    "{reference:?}, {x}"
+                );
+            }
+        }
+    }
+}
