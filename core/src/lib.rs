@@ -5,6 +5,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod camera;
 pub mod config;
 pub mod disparity;
 pub mod kernel;

@@ -1,5 +1,6 @@
 //! Host simulator of vgstereo.
 
+pub mod camera;
 pub mod commands;
 pub mod dataset;
 pub mod disparity_files;
@@ -10,3 +11,4 @@ pub mod kernels;
 pub mod metrics;
 pub mod pictures;
 pub mod scene;
+pub mod sink;

@@ -1,0 +1,168 @@
+//! Pixel formats of cameras and their luma.
+
+/// How a line of one view is stored, pixel after pixel without gaps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum PixelFormat {
+    /// One byte per pixel, 0 black to 255 white.
+    Grey8,
+    /// Three bytes per pixel: red, green, blue.
+    Rgb888,
+    /// Two bytes per pixel, the high byte first, as OmniVision sensors send it: 5 bits of
+    /// red, 6 of green, 5 of blue, from the most significant bit.
+    Rgb565,
+    /// Two bytes per pixel, `Y0 U Y1 V` (YUYV): a luma byte, then U of even or V of odd
+    /// pixels. Luma is full range, 0 to 255; a line of odd width ends after a U.
+    Yuv422,
+}
+
+impl PixelFormat {
+    /// All formats.
+    pub const ALL: [Self; 4] = [Self::Grey8, Self::Rgb888, Self::Rgb565, Self::Yuv422];
+
+    /// Bytes per pixel.
+    #[must_use]
+    pub const fn bytes_per_pixel(self) -> usize {
+        match self {
+            Self::Grey8 => 1,
+            Self::Rgb565 | Self::Yuv422 => 2,
+            Self::Rgb888 => 3,
+        }
+    }
+
+    /// Bytes of a line of `width` pixels of one view.
+    #[must_use]
+    pub const fn line_bytes(self, width: u16) -> usize {
+        width as usize * self.bytes_per_pixel()
+    }
+
+    /// Whether a line is grey as it is, so that [`PixelFormat::luma`] only copies it.
+    #[must_use]
+    pub const fn is_grey(self) -> bool {
+        matches!(self, Self::Grey8)
+    }
+
+    /// Converts a line to grey: BT.601 luma, `(77 R + 150 G + 29 B + 128) >> 8` of 8-bit
+    /// components, so that `R = G = B = v` gives `v`. 5- and 6-bit components are widened
+    /// to 8 bits by repeating their high bits; `Y` is taken as it is.
+    ///
+    /// Of a line and a grey line of different lengths, the common pixels are converted.
+    pub fn luma(self, line: &[u8], grey: &mut [u8]) {
+        match self {
+            Self::Grey8 => {
+                for (grey, &value) in grey.iter_mut().zip(line) {
+                    *grey = value;
+                }
+            }
+            Self::Rgb888 => {
+                for (grey, &[red, green, blue]) in grey.iter_mut().zip(line.as_chunks().0) {
+                    *grey = luma_bt601(red, green, blue);
+                }
+            }
+            Self::Rgb565 => {
+                for (grey, &[high, low]) in grey.iter_mut().zip(line.as_chunks().0) {
+                    let red = high & 0xf8;
+                    let green = (high << 5) | ((low >> 3) & 0x1c);
+                    let blue = low << 3;
+                    *grey = luma_bt601(red | red >> 5, green | green >> 6, blue | blue >> 5);
+                }
+            }
+            Self::Yuv422 => {
+                for (grey, &[luma, _chroma]) in grey.iter_mut().zip(line.as_chunks().0) {
+                    *grey = luma;
+                }
+            }
+        }
+    }
+}
+
+/// 0.299, 0.587 and 0.114 in 1/256; they sum to 256.
+#[inline]
+fn luma_bt601(red: u8, green: u8, blue: u8) -> u8 {
+    let sum = 77 * u16::from(red) + 150 * u16::from(green) + 29 * u16::from(blue);
+    // At most 256 * 255 + 128, which a u16 holds, and its high byte is the luma.
+    let [luma, _fraction] = (sum + 128).to_be_bytes();
+    luma
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn reference(red: u8, green: u8, blue: u8) -> f64 {
+        0.299 * f64::from(red) + 0.587 * f64::from(green) + 0.114 * f64::from(blue)
+    }
+
+    fn luma_of(format: PixelFormat, pixel: &[u8]) -> u8 {
+        let mut grey = [0];
+        format.luma(pixel, &mut grey);
+        grey[0]
+    }
+
+    #[test]
+    fn rgb888_is_bt601_within_rounding() {
+        for red in 0..=255u8 {
+            for green in (0..=255u8).step_by(3) {
+                for blue in (0..=255u8).step_by(5) {
+                    let luma = f64::from(luma_of(PixelFormat::Rgb888, &[red, green, blue]));
+                    // Half a step of rounding; red's weight, rounded, is 0.0018 too high.
+                    let error = (luma - reference(red, green, blue)).abs();
+                    assert!(error <= 0.5 + 0.46, "{red} {green} {blue}: {error}");
+                }
+            }
+            assert_eq!(luma_of(PixelFormat::Rgb888, &[red; 3]), red);
+        }
+    }
+
+    #[test]
+    fn rgb565_widens_every_value_and_is_big_endian() {
+        for value in 0..=u16::MAX {
+            let (red, green, blue) = (value >> 11, (value >> 5) & 63, value & 31);
+            let widen = |component: u16, bits: u32| {
+                u8::try_from(match bits {
+                    5 => (component << 3) | (component >> 2),
+                    _ => (component << 2) | (component >> 4),
+                })
+                .unwrap()
+            };
+            let rgb = [widen(red, 5), widen(green, 6), widen(blue, 5)];
+            // Repeating the high bits is scaling to 255, but for a step.
+            let scaled = [(red, 31.0), (green, 63.0), (blue, 31.0)]
+                .map(|(component, largest)| f64::from(component) * 255.0 / largest);
+            assert!((0..3).all(|i| (f64::from(rgb[i]) - scaled[i]).abs() < 1.0));
+            assert_eq!(
+                luma_of(PixelFormat::Rgb565, &value.to_be_bytes()),
+                luma_of(PixelFormat::Rgb888, &rgb),
+                "{value:#06x}"
+            );
+        }
+    }
+
+    #[test]
+    fn yuv422_takes_every_other_byte_and_grey8_every_byte() {
+        let mut grey = [0; 3];
+        PixelFormat::Yuv422.luma(&[10, 200, 20, 100, 30, 201], &mut grey);
+        assert_eq!(grey, [10, 20, 30]);
+        PixelFormat::Grey8.luma(&[1, 2, 3], &mut grey);
+        assert_eq!(grey, [1, 2, 3]);
+    }
+
+    #[test]
+    fn of_different_lengths_the_common_pixels_are_converted() {
+        for format in PixelFormat::ALL {
+            let mut grey = [7; 4];
+            format.luma(&std::vec![255; 2 * format.bytes_per_pixel()], &mut grey);
+            assert_eq!(grey, [255, 255, 7, 7], "{format:?}");
+            format.luma(&[0; 64], &mut grey[..1]);
+            assert_eq!(grey, [0, 255, 7, 7], "{format:?}");
+        }
+    }
+
+    #[test]
+    fn line_bytes_of_the_widest_line() {
+        assert_eq!(PixelFormat::Grey8.line_bytes(65535), 65535);
+        assert_eq!(PixelFormat::Rgb565.line_bytes(3), 6);
+        assert_eq!(PixelFormat::Yuv422.line_bytes(3), 6);
+        assert_eq!(PixelFormat::Rgb888.line_bytes(65535), 3 * 65535);
+    }
+}

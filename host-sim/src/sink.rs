@@ -1,0 +1,182 @@
+//! A sink that assembles whole frames, for the host, which has the memory.
+
+use vgstereo_core::matcher::DisparityLine;
+use vgstereo_firmware::{DisparitySink, Fault, FrameInfo};
+
+/// A whole frame of disparities.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DisparityFrame {
+    /// Number, time and region: `region.width` columns and `region.height` lines.
+    pub info: FrameInfo,
+    /// Disparities of the reference view, 1/16 px, row-major without gaps;
+    /// [`INVALID`](vgstereo_core::disparity::INVALID) where none is known.
+    pub disparities_q4: Vec<i16>,
+}
+
+/// A line is not the next one of the frame that is being collected.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct UnexpectedLine;
+
+impl std::fmt::Display for UnexpectedLine {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("the line is not the next one of the frame that is being collected")
+    }
+}
+
+impl std::error::Error for UnexpectedLine {}
+
+/// Assembles frames; keeps the last whole one.
+#[derive(Debug, Clone, Default)]
+pub struct FrameCollector {
+    partial: Option<DisparityFrame>,
+    whole: Option<DisparityFrame>,
+    aborted: Vec<(u32, Fault)>,
+}
+
+impl FrameCollector {
+    /// A collector that has seen nothing.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The last whole frame.
+    #[must_use]
+    pub fn frame(&self) -> Option<&DisparityFrame> {
+        self.whole.as_ref()
+    }
+
+    /// Takes the last whole frame out.
+    pub fn take_frame(&mut self) -> Option<DisparityFrame> {
+        self.whole.take()
+    }
+
+    /// The frames aborted so far, with the reasons.
+    #[must_use]
+    pub fn aborted(&self) -> &[(u32, Fault)] {
+        &self.aborted
+    }
+}
+
+impl DisparitySink for FrameCollector {
+    type Error = UnexpectedLine;
+
+    fn begin_frame(&mut self, info: &FrameInfo) -> Result<(), UnexpectedLine> {
+        if self.partial.is_some() {
+            return Err(UnexpectedLine);
+        }
+        self.partial = Some(DisparityFrame {
+            info: *info,
+            disparities_q4: Vec::new(),
+        });
+        Ok(())
+    }
+
+    fn line(&mut self, frame: u32, line: &DisparityLine<'_>) -> Result<(), UnexpectedLine> {
+        let partial = self.partial.as_mut().ok_or(UnexpectedLine)?;
+        let region = &partial.info.region;
+        let columns = usize::from(region.width);
+        let lines = u64::try_from(partial.disparities_q4.len() / columns).unwrap_or(u64::MAX);
+        let is_next = frame == partial.info.frame
+            && u64::from(line.line) == u64::from(region.y) + lines
+            && lines < u64::from(region.height)
+            && (line.column, line.disparities_q4.len()) == (region.x, columns);
+        if !is_next {
+            return Err(UnexpectedLine);
+        }
+        partial
+            .disparities_q4
+            .extend_from_slice(line.disparities_q4);
+        Ok(())
+    }
+
+    fn end_frame(&mut self, info: &FrameInfo) -> Result<(), UnexpectedLine> {
+        let region = &info.region;
+        let pixels = u64::from(region.width) * u64::from(region.height);
+        let is_whole = |partial: &DisparityFrame| {
+            partial.info == *info && u64::try_from(partial.disparities_q4.len()) == Ok(pixels)
+        };
+        if !self.partial.as_ref().is_some_and(is_whole) {
+            return Err(UnexpectedLine);
+        }
+        self.whole = self.partial.take();
+        Ok(())
+    }
+
+    fn abort_frame(&mut self, frame: u32, fault: Fault) {
+        self.partial = None;
+        self.aborted.push((frame, fault));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vgstereo_core::config::Region;
+    use vgstereo_core::disparity::INVALID;
+
+    const INFO: FrameInfo = FrameInfo {
+        frame: 7,
+        timestamp_us: 99,
+        region: Region {
+            x: 2,
+            y: 1,
+            width: 3,
+            height: 2,
+        },
+    };
+
+    fn line(line: u32, disparities_q4: &[i16]) -> DisparityLine<'_> {
+        DisparityLine {
+            line,
+            column: 2,
+            disparities_q4,
+        }
+    }
+
+    #[test]
+    fn collects_a_region() {
+        let mut collector = FrameCollector::new();
+        collector.begin_frame(&INFO).unwrap();
+        collector.line(7, &line(1, &[16, 32, INVALID])).unwrap();
+        collector.line(7, &line(2, &[0, -16, 1])).unwrap();
+        assert_eq!(collector.frame(), None);
+        collector.end_frame(&INFO).unwrap();
+        let frame = collector.take_frame().unwrap();
+        assert_eq!(frame.info, INFO);
+        assert_eq!(frame.disparities_q4, [16, 32, INVALID, 0, -16, 1]);
+    }
+
+    #[test]
+    fn refuses_what_is_not_next() {
+        let mut collector = FrameCollector::new();
+        assert!(collector.line(7, &line(1, &[0; 3])).is_err(), "no frame");
+        assert!(collector.end_frame(&INFO).is_err(), "no frame");
+        collector.begin_frame(&INFO).unwrap();
+        assert!(collector.begin_frame(&INFO).is_err(), "twice");
+        assert!(collector.line(8, &line(1, &[0; 3])).is_err(), "frame");
+        assert!(collector.line(7, &line(2, &[0; 3])).is_err(), "line");
+        assert!(collector.line(7, &line(1, &[0; 4])).is_err(), "width");
+        assert!(collector.end_frame(&INFO).is_err(), "lines to come");
+        for number in [1, 2] {
+            collector.line(7, &line(number, &[0; 3])).unwrap();
+        }
+        assert!(collector.line(7, &line(3, &[0; 3])).is_err(), "height");
+    }
+
+    #[test]
+    fn an_aborted_frame_leaves_the_last_whole_one() {
+        let mut collector = FrameCollector::new();
+        collector.begin_frame(&INFO).unwrap();
+        for number in [1, 2] {
+            collector.line(7, &line(number, &[5; 3])).unwrap();
+        }
+        collector.end_frame(&INFO).unwrap();
+        let next = FrameInfo { frame: 8, ..INFO };
+        collector.begin_frame(&next).unwrap();
+        collector.line(8, &line(1, &[6; 3])).unwrap();
+        collector.abort_frame(8, Fault::Sequence);
+        assert_eq!(collector.aborted(), [(8, Fault::Sequence)]);
+        assert_eq!(collector.frame().unwrap().info.frame, 7);
+    }
+}

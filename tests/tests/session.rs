@@ -1,0 +1,669 @@
+//! The session under every fault that a camera or a sink can bring.
+
+use image::{DynamicImage, GrayImage, RgbImage};
+use rand_core::{Rng, SeedableRng};
+use rand_pcg::Pcg32;
+use vgstereo_core::camera::{
+    ErrorKind, ErrorType, Geometry, Layout, LinePair, LinePairSource, PixelFormat,
+};
+use vgstereo_core::config::{Config, Region};
+use vgstereo_core::disparity::DisparityRange;
+use vgstereo_core::kernel::Portable;
+use vgstereo_core::matcher::{DisparityLine, Matcher};
+use vgstereo_core::preset::Preset;
+use vgstereo_firmware::session::{ATTEMPT_FRAMES, RunError, SessionError, memory_words};
+use vgstereo_firmware::{DisparitySink, Event, Fault, FrameInfo, Session, Statistics};
+use vgstereo_sim::camera::{FaultKind, FaultyCamera, LINE_PERIOD_US, SimulatedCamera};
+use vgstereo_sim::sink::FrameCollector;
+
+const WIDTH: u16 = 21;
+const HEIGHT: u32 = 14;
+
+const ERROR_KINDS: [ErrorKind; 7] = [
+    ErrorKind::Overrun,
+    ErrorKind::SyncLost,
+    ErrorKind::ShortLine,
+    ErrorKind::ShortFrame,
+    ErrorKind::Timeout,
+    ErrorKind::Bus,
+    ErrorKind::Other,
+];
+
+fn fault_kinds() -> Vec<FaultKind> {
+    let mut kinds = vec![
+        FaultKind::DroppedLine,
+        FaultKind::DuplicatedLine,
+        FaultKind::LostSync,
+        FaultKind::Truncated,
+        FaultKind::DuplicatedFrame,
+    ];
+    kinds.extend(ERROR_KINDS.map(FaultKind::Error));
+    kinds
+}
+
+/// Every stage of the pipeline, small: 11 lines of latency, fewer than the frame has.
+fn config() -> Config {
+    let mut parameters = Preset::Paper.parameters().with_sigma(1.0);
+    parameters.synapses = 32;
+    parameters.median_reach_px = 2;
+    Config::new(parameters, WIDTH, DisparityRange::up_to(6))
+}
+
+/// A textured view pair, the right one 3 px to the left, with some noise.
+fn colours(height: u32) -> (RgbImage, RgbImage) {
+    let mut generator = Pcg32::seed_from_u64(20);
+    let mut random = |_, _| image::Rgb([0; 3].map(|_: u8| generator.next_u32() as u8));
+    let scene = RgbImage::from_fn(u32::from(WIDTH) + 3, height, &mut random);
+    let noise = RgbImage::from_fn(u32::from(WIDTH) + 3, height, &mut random);
+    let left = RgbImage::from_fn(WIDTH.into(), height, |x, y| *scene.get_pixel(x, y));
+    let right = RgbImage::from_fn(WIDTH.into(), height, |x, y| {
+        let (mut pixel, noise) = (*scene.get_pixel(x + 3, y), noise.get_pixel(x, y));
+        pixel.0[1] ^= noise.0[1] & 7;
+        pixel
+    });
+    (left, right)
+}
+
+fn camera(height: u32, layout: Layout, format: PixelFormat) -> SimulatedCamera {
+    let (left, right) = colours(height);
+    SimulatedCamera::new(left, right, layout, format).unwrap()
+}
+
+fn grey_camera() -> SimulatedCamera {
+    camera(HEIGHT, Layout::SideBySide, PixelFormat::Grey8)
+}
+
+/// What a format leaves of a colour, as grey.
+fn grey(format: PixelFormat, image: &RgbImage) -> GrayImage {
+    let luma = |[red, green, blue]: [u32; 3]| (77 * red + 150 * green + 29 * blue + 128) >> 8;
+    GrayImage::from_fn(image.width(), image.height(), |x, y| {
+        let rgb = image.get_pixel(x, y).0.map(u32::from);
+        let rgb = if format == PixelFormat::Rgb565 {
+            let five_bits = |value| (value >> 3 << 3) | (value >> 5);
+            let six_bits = |value| (value >> 2 << 2) | (value >> 6);
+            [five_bits(rgb[0]), six_bits(rgb[1]), five_bits(rgb[2])]
+        } else {
+            rgb
+        };
+        image::Luma([u8::try_from(luma(rgb)).unwrap()])
+    })
+}
+
+/// The frame that the matcher alone makes of grey views.
+fn direct(config: &Config, left: &GrayImage, right: &GrayImage) -> Vec<i16> {
+    let mut memory = vec![0; config.memory_words()];
+    let mut matcher = Matcher::new(config, Portable, &mut memory).unwrap();
+    let mut frame = Vec::new();
+    let width = usize::from(config.width);
+    let lines = left.chunks_exact(width).zip(right.chunks_exact(width));
+    for (left, right) in lines {
+        if let Some(line) = matcher.push(left, right).unwrap() {
+            frame.extend_from_slice(line.disparities_q4);
+        }
+    }
+    while let Some(line) = matcher.finish() {
+        frame.extend_from_slice(line.disparities_q4);
+    }
+    frame
+}
+
+/// The frame that [`grey_camera`] gives undisturbed.
+fn undisturbed() -> Vec<i16> {
+    let (left, right) = colours(HEIGHT);
+    let of = |image| grey(PixelFormat::Grey8, image);
+    direct(&config(), &of(&left), &of(&right))
+}
+
+/// Lends memory of exactly the stated sizes to a session and runs `body` with it.
+fn with_session<C: LinePairSource, S: DisparitySink, R>(
+    config: &Config,
+    camera: C,
+    sink: S,
+    body: impl FnOnce(Session<'_, C, Portable, S>) -> R,
+) -> R {
+    let mut memory = vec![0; config.memory_words()];
+    // What the lent memory held before must not matter.
+    let mut lines = vec![u32::MAX; memory_words(&camera.geometry())];
+    let matcher = Matcher::new(config, Portable, &mut memory).unwrap();
+    body(Session::new(camera, matcher, sink, &mut lines).unwrap())
+}
+
+/// Steps until frame `last` is done. Every whole frame must be `expected`.
+fn run_until<C: LinePairSource>(
+    session: &mut Session<'_, C, Portable, FrameCollector>,
+    last: u32,
+    expected: &[i16],
+) -> Vec<Event> {
+    let mut events = Vec::new();
+    loop {
+        let event = session.step().unwrap();
+        events.push(event);
+        if let Event::FrameDone { frame } = event {
+            let collected = session.sink_mut().take_frame().unwrap();
+            assert_eq!(collected.info.frame, frame);
+            assert!(
+                collected.disparities_q4 == expected,
+                "frame {frame} differs"
+            );
+            if frame == last {
+                return events;
+            }
+        }
+        assert!(events.len() < 10_000, "frame {last} never comes");
+    }
+}
+
+fn scripted(frame: u32, line: u32, kind: FaultKind) -> vgstereo_sim::camera::Fault {
+    vgstereo_sim::camera::Fault { frame, line, kind }
+}
+
+fn counter(statistics: &mut Statistics, kind: ErrorKind) -> &mut u32 {
+    match kind {
+        ErrorKind::Overrun => &mut statistics.overruns,
+        ErrorKind::SyncLost => &mut statistics.sync_losses,
+        ErrorKind::ShortLine => &mut statistics.short_lines,
+        ErrorKind::ShortFrame => &mut statistics.short_frames,
+        ErrorKind::Timeout => &mut statistics.timeouts,
+        ErrorKind::Bus => &mut statistics.bus_errors,
+        _ => &mut statistics.other_errors,
+    }
+}
+
+/// Adds what one fault at `line` of a frame with a whole one after it does to the counters.
+fn count_fault(statistics: &mut Statistics, line: u32, kind: FaultKind) {
+    let last = HEIGHT - 1;
+    // Pairs matched before the fault shows; whether the frame is whole all the same;
+    // pairs that never reach the matcher.
+    let (matched, whole, dropped) = match kind {
+        FaultKind::Error(_)
+        | FaultKind::DroppedLine
+        | FaultKind::LostSync
+        | FaultKind::Truncated => (line, false, HEIGHT - line),
+        // The second one, and the rest of the frame.
+        FaultKind::DuplicatedLine => (line + 1, line == last, HEIGHT - line),
+        FaultKind::DuplicatedFrame => (line + 1, line == last, (line + 1) + (last - line)),
+    };
+    match kind {
+        FaultKind::Error(kind) => *counter(statistics, kind) += 1,
+        FaultKind::LostSync => statistics.sync_losses += 1,
+        _ => statistics.sequence_breaks += 1,
+    }
+    statistics.lines += matched;
+    statistics.lines_dropped += dropped;
+    statistics.frames += u32::from(whole);
+    statistics.frames_dropped += u32::from(!whole);
+}
+
+fn count_whole_frames(statistics: &mut Statistics, frames: u32) {
+    statistics.frames += frames;
+    statistics.lines += frames * HEIGHT;
+}
+
+#[test]
+fn each_fault_at_each_place_costs_one_frame_and_no_more() {
+    let expected_frame = undisturbed();
+    for kind in fault_kinds() {
+        for line in [0, 1, HEIGHT / 2, HEIGHT - 2, HEIGHT - 1] {
+            let camera = FaultyCamera::new(grey_camera(), [scripted(1, line, kind)]);
+            with_session(&config(), camera, FrameCollector::new(), |mut session| {
+                let events = run_until(&mut session, 2, &expected_frame);
+
+                let mut expected = Statistics::default();
+                count_whole_frames(&mut expected, 2);
+                count_fault(&mut expected, line, kind);
+                assert_eq!(session.statistics(), expected, "{kind:?} at line {line}");
+
+                let is_fault =
+                    |event: &&Event| matches!(event, Event::Fault(_) | Event::Resync { .. });
+                let faults: Vec<_> = events.iter().filter(is_fault).collect();
+                let fault = match kind {
+                    FaultKind::Error(kind) => Fault::Camera(kind),
+                    FaultKind::LostSync => Fault::Camera(ErrorKind::SyncLost),
+                    _ => Fault::Sequence,
+                };
+                let at_once = match kind {
+                    FaultKind::Truncated => true,
+                    FaultKind::DroppedLine => line == HEIGHT - 1,
+                    _ => false,
+                };
+                let told = if at_once {
+                    Event::Resync { frame: 2 }
+                } else {
+                    Event::Fault(fault)
+                };
+                assert_eq!(faults, [&told], "{kind:?} at line {line}");
+
+                // A frame of which nothing was matched was not begun at the sink either.
+                let begun = expected.lines > 2 * HEIGHT && expected.frames_dropped == 1;
+                let aborted: &[_] = if begun { &[(1, fault)] } else { &[] };
+                assert_eq!(session.sink().aborted(), aborted, "{kind:?} at line {line}");
+            });
+        }
+    }
+}
+
+#[test]
+fn random_faults_in_every_other_frame_are_counted_exactly() {
+    let expected_frame = undisturbed();
+    let kinds = fault_kinds();
+    for seed in 0..20 {
+        println!("seed {seed}");
+        let mut generator = Pcg32::seed_from_u64(seed);
+        let mut below = |limit: usize| generator.next_u32() as usize % limit;
+        let mut expected = Statistics::default();
+        let script: Vec<_> = (0..6)
+            .map(|fault| {
+                let line = below(HEIGHT as usize) as u32;
+                let kind = kinds[below(kinds.len())];
+                count_fault(&mut expected, line, kind);
+                scripted(2 * fault + 1, line, kind)
+            })
+            .collect();
+        count_whole_frames(&mut expected, 7);
+        let camera = FaultyCamera::new(grey_camera(), script.clone());
+        with_session(&config(), camera, FrameCollector::new(), |mut session| {
+            run_until(&mut session, 12, &expected_frame);
+            assert_eq!(session.statistics(), expected, "seed {seed}: {script:?}");
+        });
+    }
+}
+
+#[test]
+fn a_storm_of_faults_ends_with_a_whole_frame() {
+    let expected_frame = undisturbed();
+    let kinds = fault_kinds();
+    for seed in 100..120 {
+        println!("seed {seed}");
+        let mut generator = Pcg32::seed_from_u64(seed);
+        let mut below = |limit: usize| generator.next_u32() as usize % limit;
+        let mut script = Vec::new();
+        for frame in 1..20 {
+            for line in 0..HEIGHT {
+                if below(25) == 0 {
+                    script.push(scripted(frame, line, kinds[below(kinds.len())]));
+                }
+            }
+        }
+        let camera = FaultyCamera::new(grey_camera(), script);
+        with_session(&config(), camera, FrameCollector::new(), |mut session| {
+            let events = run_until(&mut session, 20, &expected_frame);
+            let statistics = session.statistics();
+            assert_eq!(
+                statistics.frames + statistics.frames_dropped,
+                21,
+                "seed {seed}"
+            );
+            let errors: u32 = ERROR_KINDS.map(|kind| statistics.errors(kind)).iter().sum();
+            let count = |is: fn(&Event) -> bool| {
+                u32::try_from(events.iter().filter(|event| is(event)).count()).unwrap()
+            };
+            let camera_faults = count(|event| matches!(event, Event::Fault(Fault::Camera(_))));
+            assert_eq!(errors, camera_faults, "seed {seed}");
+            let breaks = count(|event| {
+                matches!(event, Event::Fault(Fault::Sequence) | Event::Resync { .. })
+            });
+            assert_eq!(statistics.sequence_breaks, breaks, "seed {seed}");
+            let matched = count(|event| {
+                matches!(
+                    event,
+                    Event::Line { .. } | Event::FrameDone { .. } | Event::Resync { .. }
+                )
+            });
+            assert_eq!(statistics.lines, matched, "seed {seed}");
+            // Each pair that the camera sent is matched or dropped; repeats come on top.
+            assert!(statistics.lines + statistics.lines_dropped >= 21 * HEIGHT);
+        });
+    }
+}
+
+#[test]
+fn every_layout_and_format_gives_the_matchers_own_frame() {
+    let config = config();
+    let (left, right) = colours(HEIGHT);
+    let layouts = [
+        Layout::Separate,
+        Layout::SideBySide,
+        Layout::LineMultiplexed,
+        Layout::PixelMultiplexed { phase: 0 },
+        Layout::PixelMultiplexed { phase: 1 },
+        Layout::PixelMultiplexed { phase: 7 },
+    ];
+    for format in PixelFormat::ALL {
+        let expected = direct(&config, &grey(format, &left), &grey(format, &right));
+        for layout in layouts {
+            let camera = camera(HEIGHT, layout, format);
+            with_session(&config, camera, FrameCollector::new(), |mut session| {
+                for number in 0..2 {
+                    assert_eq!(session.run_frame(), Ok(number));
+                    let frame = session.sink_mut().take_frame().unwrap();
+                    assert!(frame.disparities_q4 == expected, "{layout:?} {format:?}");
+                    let start_us = u64::from(number * HEIGHT) * LINE_PERIOD_US;
+                    assert_eq!(frame.info.timestamp_us, start_us);
+                }
+            });
+        }
+    }
+}
+
+#[test]
+fn grey_images_reach_the_matcher_unchanged_in_every_lossless_format() {
+    let config = config();
+    let (left, right) = colours(HEIGHT);
+    let of = |image| grey(PixelFormat::Grey8, image);
+    let (left, right) = (of(&left), of(&right));
+    let expected = direct(&config, &left, &right);
+    for format in [PixelFormat::Grey8, PixelFormat::Rgb888, PixelFormat::Yuv422] {
+        let view = |image: &GrayImage| DynamicImage::from(image.clone());
+        let (left, right) = (view(&left), view(&right));
+        let camera = SimulatedCamera::new(left, right, Layout::Separate, format).unwrap();
+        with_session(&config, camera, FrameCollector::new(), |mut session| {
+            session.run_frame().unwrap();
+            let frame = session.sink_mut().take_frame().unwrap();
+            assert!(frame.disparities_q4 == expected, "{format:?}");
+        });
+    }
+}
+
+#[test]
+fn a_region_ends_with_the_frame() {
+    let (left, right) = colours(HEIGHT);
+    let of = |image| grey(PixelFormat::Grey8, image);
+    for (height, lines) in [(3, 3), (u32::MAX, HEIGHT - 5)] {
+        let mut config = config();
+        config.region = Region {
+            x: 4,
+            y: 5,
+            width: 9,
+            height,
+        };
+        let expected = direct(&config, &of(&left), &of(&right));
+        with_session(
+            &config,
+            grey_camera(),
+            FrameCollector::new(),
+            |mut session| {
+                session.run_frame().unwrap();
+                let frame = session.sink_mut().take_frame().unwrap();
+                assert_eq!(frame.info.region.height, lines);
+                assert!(frame.disparities_q4 == expected);
+            },
+        );
+    }
+}
+
+#[test]
+fn a_session_may_begin_amid_a_frame() {
+    let expected_frame = undisturbed();
+    let mut camera = grey_camera();
+    let (mut left, mut right) = ([0; WIDTH as usize], [0; WIDTH as usize]);
+    for _ in 0..5 {
+        camera.read_pair(&mut left, &mut right).unwrap();
+    }
+    with_session(
+        &config(),
+        &mut camera,
+        FrameCollector::new(),
+        |mut session| {
+            let events = run_until(&mut session, 1, &expected_frame);
+            assert_eq!(events[0], Event::Skipped { frame: 0, line: 5 });
+            let mut expected = Statistics::default();
+            count_whole_frames(&mut expected, 1);
+            expected.frames_dropped = 1;
+            expected.lines_dropped = HEIGHT - 5;
+            assert_eq!(session.statistics(), expected);
+        },
+    );
+}
+
+#[test]
+fn a_matcher_left_amid_a_frame_begins_anew() {
+    let expected_frame = undisturbed();
+    let config = config();
+    let mut memory = vec![0; config.memory_words()];
+    let mut lines = vec![0; 2 * usize::from(WIDTH)];
+    let mut matcher = Matcher::new(&config, Portable, &mut memory).unwrap();
+    matcher
+        .push(&[9; WIDTH as usize], &[8; WIDTH as usize])
+        .unwrap();
+    let mut session =
+        Session::new(grey_camera(), matcher, FrameCollector::new(), &mut lines).unwrap();
+    run_until(&mut session, 0, &expected_frame);
+    let (mut camera, _matcher, sink) = session.into_parts();
+    assert!(sink.aborted().is_empty());
+    let next = camera.read_pair(&mut [0; WIDTH as usize], &mut [0; WIDTH as usize]);
+    assert_eq!(next.map(|pair| (pair.frame, pair.line)), Ok((1, 0)));
+}
+
+#[test]
+fn frames_of_one_line_are_done_at_once() {
+    let (left, right) = colours(1);
+    let of = |image| grey(PixelFormat::Grey8, image);
+    let expected = direct(&config(), &of(&left), &of(&right));
+    let camera = camera(1, Layout::SideBySide, PixelFormat::Grey8);
+    let camera = FaultyCamera::new(camera, [scripted(1, 0, FaultKind::DroppedLine)]);
+    with_session(&config(), camera, FrameCollector::new(), |mut session| {
+        let events = run_until(&mut session, 2, &expected);
+        let done = [0, 2].map(|frame| Event::FrameDone { frame });
+        assert_eq!(events, done);
+        let statistics = session.statistics();
+        assert_eq!((statistics.frames, statistics.frames_dropped), (2, 1));
+        assert_eq!(
+            (statistics.sequence_breaks, statistics.lines_dropped),
+            (1, 1)
+        );
+    });
+}
+
+/// A camera that only fails, and counts how often it was asked.
+struct DeadCamera {
+    kind: ErrorKind,
+    reads: u32,
+}
+
+impl ErrorType for DeadCamera {
+    type Error = ErrorKind;
+}
+
+impl LinePairSource for DeadCamera {
+    fn geometry(&self) -> Geometry {
+        Geometry {
+            width: WIDTH,
+            height: HEIGHT,
+            format: PixelFormat::Grey8,
+        }
+    }
+
+    fn read_pair(&mut self, _: &mut [u8], _: &mut [u8]) -> Result<LinePair, ErrorKind> {
+        self.reads += 1;
+        Err(self.kind)
+    }
+}
+
+#[test]
+fn a_dead_camera_ends_the_run_after_the_stated_attempts() {
+    for kind in ERROR_KINDS {
+        let mut camera = DeadCamera { kind, reads: 0 };
+        let reads = ATTEMPT_FRAMES * HEIGHT;
+        with_session(
+            &config(),
+            &mut camera,
+            FrameCollector::new(),
+            |mut session| {
+                let last_fault = Some(Fault::Camera(kind));
+                let gave_up = Err(RunError::Attempts { reads, last_fault });
+                assert_eq!(session.run_frame(), gave_up);
+                let mut expected = Statistics::default();
+                *counter(&mut expected, kind) = reads;
+                assert_eq!(session.statistics(), expected);
+                assert!(session.sink().aborted().is_empty());
+            },
+        );
+        assert_eq!(camera.reads, reads);
+    }
+}
+
+/// Where a [`StrictSink`] fails, once.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum FailAt {
+    Begin,
+    Line(u32),
+    End,
+}
+
+#[derive(Debug, PartialEq)]
+struct Refused;
+
+/// Fails where it is told to and holds the session to the order of calls.
+struct StrictSink {
+    fail_at: FailAt,
+    fail_frame: u32,
+    open: Option<(u32, u32)>,
+    done: Vec<u32>,
+    aborted: Vec<(u32, Fault)>,
+    failed: bool,
+}
+
+impl StrictSink {
+    fn new(fail_frame: u32, fail_at: FailAt) -> Self {
+        Self {
+            fail_at,
+            fail_frame,
+            open: None,
+            done: Vec::new(),
+            aborted: Vec::new(),
+            failed: false,
+        }
+    }
+
+    fn check(&mut self, frame: u32, at: FailAt) -> Result<(), Refused> {
+        assert!(!self.failed, "called between an error and the abort");
+        if (frame, at) == (self.fail_frame, self.fail_at) {
+            // A frame that could not begin is not aborted.
+            self.failed = at != FailAt::Begin;
+            return Err(Refused);
+        }
+        Ok(())
+    }
+}
+
+impl DisparitySink for StrictSink {
+    type Error = Refused;
+
+    fn begin_frame(&mut self, info: &FrameInfo) -> Result<(), Refused> {
+        assert_eq!(self.open, None);
+        self.check(info.frame, FailAt::Begin)?;
+        self.open = Some((info.frame, 0));
+        Ok(())
+    }
+
+    fn line(&mut self, frame: u32, line: &DisparityLine<'_>) -> Result<(), Refused> {
+        assert_eq!(self.open, Some((frame, line.line)));
+        self.check(frame, FailAt::Line(line.line))?;
+        self.open = Some((frame, line.line + 1));
+        Ok(())
+    }
+
+    fn end_frame(&mut self, info: &FrameInfo) -> Result<(), Refused> {
+        assert_eq!(self.open, Some((info.frame, info.region.height)));
+        self.check(info.frame, FailAt::End)?;
+        self.open = None;
+        self.done.push(info.frame);
+        Ok(())
+    }
+
+    fn abort_frame(&mut self, frame: u32, fault: Fault) {
+        assert_eq!(self.open.map(|(open, _)| open), Some(frame));
+        self.open = None;
+        self.failed = false;
+        self.aborted.push((frame, fault));
+    }
+}
+
+#[test]
+fn a_failing_sink_costs_one_frame_and_no_more() {
+    let config = config();
+    let latency = config.parameters.latency_lines();
+    assert!(latency + 1 < HEIGHT, "some lines come before the last pair");
+    let lines = (0..HEIGHT).map(FailAt::Line);
+    for fail_at in lines.chain([FailAt::Begin, FailAt::End]) {
+        let mut sink = StrictSink::new(1, fail_at);
+        with_session(&config, grey_camera(), &mut sink, |mut session| {
+            assert_eq!(session.run_frame(), Ok(0));
+            assert_eq!(session.run_frame(), Err(RunError::Sink(Refused)));
+            assert_eq!(session.run_frame(), Ok(2));
+            let mut expected = Statistics::default();
+            count_whole_frames(&mut expected, 2);
+            let matched = match fail_at {
+                FailAt::Begin => 0,
+                FailAt::Line(line) => (line + latency + 1).min(HEIGHT),
+                FailAt::End => HEIGHT,
+            };
+            expected.lines += matched;
+            expected.lines_dropped = HEIGHT - matched;
+            expected.frames_dropped = 1;
+            expected.sink_errors = 1;
+            assert_eq!(session.statistics(), expected, "{fail_at:?}");
+        });
+        assert_eq!(sink.done, [0, 2]);
+        let aborted: &[_] = match fail_at {
+            FailAt::Begin => &[],
+            _ => &[(1, Fault::Sink)],
+        };
+        assert_eq!(sink.aborted, aborted, "{fail_at:?}");
+    }
+}
+
+#[test]
+fn the_sink_sees_calls_in_order_under_faults() {
+    for kind in fault_kinds() {
+        for line in 0..HEIGHT {
+            let camera = FaultyCamera::new(grey_camera(), [scripted(1, line, kind)]);
+            // No frame has this number: it never fails, only checks.
+            let mut sink = StrictSink::new(u32::MAX, FailAt::Begin);
+            with_session(&config(), camera, &mut sink, |mut session| {
+                while session.run_frame() != Ok(3) {}
+            });
+            assert_eq!(sink.done.len() as u32 + count_dropped(line, kind), 4);
+        }
+    }
+}
+
+fn count_dropped(line: u32, kind: FaultKind) -> u32 {
+    let mut statistics = Statistics::default();
+    count_fault(&mut statistics, line, kind);
+    statistics.frames_dropped
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let refusal = |config: &Config, memory_short: usize| {
+        let camera = camera(HEIGHT, Layout::SideBySide, PixelFormat::Rgb888);
+        let mut memory = vec![0; config.memory_words()];
+        let mut lines = vec![0; memory_words(&camera.geometry()) - memory_short];
+        let matcher = Matcher::new(config, Portable, &mut memory).unwrap();
+        Session::new(camera, matcher, FrameCollector::new(), &mut lines).map(|_| ())
+    };
+    assert_eq!(refusal(&config(), 0), Ok(()));
+    assert!(matches!(
+        refusal(&config(), 1),
+        Err(SessionError::Memory(_))
+    ));
+
+    let mut other = config();
+    other.width = WIDTH + 1;
+    let expected = SessionError::Width {
+        camera_px: WIDTH,
+        matcher_px: WIDTH + 1,
+    };
+    assert_eq!(refusal(&other, 0), Err(expected));
+
+    let mut other = config();
+    other.region.y = HEIGHT;
+    let expected = SessionError::Height {
+        camera_lines: HEIGHT,
+        first_line: HEIGHT,
+    };
+    assert_eq!(refusal(&other, 0), Err(expected));
+    other.region.y = HEIGHT - 1;
+    assert_eq!(refusal(&other, 0), Ok(()));
+}
