@@ -1,1 +1,4 @@
 //! Host simulator of vgstereo.
+
+pub mod render;
+pub mod scene;
