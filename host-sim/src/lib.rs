@@ -10,5 +10,6 @@ pub mod grey;
 pub mod kernels;
 pub mod metrics;
 pub mod pictures;
+pub mod render;
 pub mod scene;
 pub mod sink;

@@ -1,0 +1,533 @@
+//! Colours of surfaces, from noise at the surface point: every view sees the same.
+//!
+//! Detail finer than a pixel fades to its mean, so that it does not alias differently in
+//! the two views.
+
+use super::geometry::Vec3;
+
+/// Red, green and blue as displayed, 0 to 1.
+pub type Colour = [f64; 3];
+
+/// What a surface looks like.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Material {
+    /// Brick wall, partly under smooth plaster.
+    Wall,
+    /// Slab path between gravel.
+    Ground,
+    /// Wooden crate.
+    Crate,
+    /// Veined stone.
+    Marble,
+    /// Glazed ball with wavy bands.
+    Glaze,
+    /// Tree bark.
+    Bark,
+    /// Tin with a diamond pattern.
+    Tin,
+    /// Printed board.
+    Board,
+    /// Diagonal lattice, open between the slats.
+    Lattice,
+    /// Bamboo cane.
+    Bamboo,
+    /// Plain painted or grown wood of thin parts.
+    Stick,
+    /// Leaf, cut out of its sheet.
+    Leaf,
+}
+
+/// A place on a surface.
+#[derive(Debug, Clone, Copy)]
+pub struct Place {
+    /// World position, m.
+    pub point: Vec3,
+    /// Surface coordinates, m.
+    pub u: f64,
+    pub v: f64,
+    /// Half the extent of the surface along `u` and `v`, m.
+    pub half_u: f64,
+    pub half_v: f64,
+    /// Width of a pixel on the surface, m.
+    pub pixel: f64,
+    /// Makes objects of one material differ.
+    pub tint: u32,
+}
+
+/// Mixes lattice coordinates and a seed into 32 even bits.
+pub fn hash(x: i32, y: i32, z: i32, seed: u32) -> u32 {
+    let mut bits = seed
+        ^ x.cast_unsigned().wrapping_mul(0x9E37_79B1)
+        ^ y.cast_unsigned().wrapping_mul(0x85EB_CA77).rotate_left(11)
+        ^ z.cast_unsigned().wrapping_mul(0xC2B2_AE3D).rotate_left(21);
+    bits = (bits ^ (bits >> 16)).wrapping_mul(0x21F0_AAAD);
+    bits = (bits ^ (bits >> 15)).wrapping_mul(0x735A_2D97);
+    bits ^ (bits >> 15)
+}
+
+/// Hash bits to 0..1.
+pub fn fraction(bits: u32) -> f64 {
+    f64::from(bits) / 4_294_967_296.0
+}
+
+/// Whole part, towards minus infinity, and the rest.
+fn split(value: f64) -> (i32, f64) {
+    // Saturates far outside the scene.
+    let whole = value as i32;
+    let whole = whole.saturating_sub(i32::from(value < f64::from(whole)));
+    (whole, value - f64::from(whole))
+}
+
+fn mix(a: f64, b: f64, share: f64) -> f64 {
+    a + (b - a) * share
+}
+
+fn blend(a: Colour, b: Colour, share: f64) -> Colour {
+    [
+        mix(a[0], b[0], share),
+        mix(a[1], b[1], share),
+        mix(a[2], b[2], share),
+    ]
+}
+
+fn scale(colour: Colour, factor: f64) -> Colour {
+    colour.map(|channel| channel * factor)
+}
+
+/// 0 below `low`, 1 above `high`, smooth between.
+fn step(low: f64, high: f64, value: f64) -> f64 {
+    let share = ((value - low) / (high - low)).clamp(0.0, 1.0);
+    ease(share)
+}
+
+fn ease(share: f64) -> f64 {
+    share * share * (3.0 - 2.0 * share)
+}
+
+/// 1 where the sign of a threshold is clear, soft over a pixel about it.
+fn edge(threshold: f64, value: f64, pixel: f64) -> f64 {
+    step(threshold - pixel * 0.5, threshold + pixel * 0.5, value)
+}
+
+/// Value noise, -1 to 1, with features of size 1.
+fn noise2(x: f64, y: f64, seed: u32) -> f64 {
+    let ((column, fx), (row, fy)) = (split(x), split(y));
+    let corner =
+        |dx: i32, dy: i32| fraction(hash(column.wrapping_add(dx), row.wrapping_add(dy), 0, seed));
+    let (fx, fy) = (ease(fx), ease(fy));
+    let top = mix(corner(0, 0), corner(1, 0), fx);
+    let bottom = mix(corner(0, 1), corner(1, 1), fx);
+    mix(top, bottom, fy) * 2.0 - 1.0
+}
+
+fn noise3(point: Vec3, seed: u32) -> f64 {
+    let ((x, fx), (y, fy), (z, fz)) = (split(point.x), split(point.y), split(point.z));
+    let (fx, fy, fz) = (ease(fx), ease(fy), ease(fz));
+    let layer = |dz: i32| {
+        let corner = |dx: i32, dy: i32| {
+            fraction(hash(
+                x.wrapping_add(dx),
+                y.wrapping_add(dy),
+                z.wrapping_add(dz),
+                seed,
+            ))
+        };
+        mix(
+            mix(corner(0, 0), corner(1, 0), fx),
+            mix(corner(0, 1), corner(1, 1), fx),
+            fy,
+        )
+    };
+    mix(layer(0), layer(1), fz) * 2.0 - 1.0
+}
+
+/// How much of a detail `pixels` pixels wide is drawn.
+fn visible(pixels: f64) -> f64 {
+    step(0.8, 2.2, pixels)
+}
+
+/// Sums octaves of noise down to the size of a pixel; `pixel` is in units of `x` and `y`.
+fn octaves(pixel: f64, count: u32, noise: impl Fn(f64, u32) -> f64) -> f64 {
+    let (mut frequency, mut weight, mut sum) = (1.0, 0.6, 0.0);
+    for octave in 0..count {
+        let share = visible(1.0 / (frequency * pixel));
+        if share <= 0.0 {
+            break;
+        }
+        sum += weight * share * noise(frequency, octave);
+        frequency *= 2.07;
+        weight *= 0.68;
+    }
+    sum
+}
+
+fn fractal2(x: f64, y: f64, pixel: f64, count: u32, seed: u32) -> f64 {
+    octaves(pixel, count, |frequency, octave| {
+        noise2(x * frequency, y * frequency, seed.wrapping_add(octave))
+    })
+}
+
+fn fractal3(point: Vec3, pixel: f64, count: u32, seed: u32) -> f64 {
+    octaves(pixel, count, |frequency, octave| {
+        noise3(point * frequency, seed.wrapping_add(octave))
+    })
+}
+
+/// Pebbles of size 1: how far inside its pebble a place is, and the pebble's hash.
+fn pebbles(x: f64, y: f64, seed: u32) -> (f64, u32) {
+    let ((column, fx), (row, fy)) = (split(x), split(y));
+    let (mut first, mut second, mut found) = (9.0, 9.0, 0);
+    for dy in -1..=1 {
+        for dx in -1..=1 {
+            let bits = hash(column.wrapping_add(dx), row.wrapping_add(dy), 1, seed);
+            let px = f64::from(dx) + f64::from(bits & 0xFFFF) / 65536.0 - fx;
+            let py = f64::from(dy) + f64::from(bits >> 16) / 65536.0 - fy;
+            let distance = px * px + py * py;
+            if distance < first {
+                (second, first, found) = (first, distance, bits);
+            } else if distance < second {
+                second = distance;
+            }
+        }
+    }
+    (second.sqrt() - first.sqrt(), hash(0, 0, 2, found ^ seed))
+}
+
+fn pick(palette: &[Colour], bits: u32) -> Colour {
+    let index = (bits >> 8) as usize % palette.len().max(1);
+    palette.get(index).copied().unwrap_or_default()
+}
+
+/// Whether a sheet of `material` is solid at `(u, v)`.
+pub fn is_solid(material: Material, u: f64, v: f64, half_u: f64, half_v: f64) -> bool {
+    match material {
+        Material::Leaf => {
+            let along = u / half_u;
+            let width = (1.0 - along * along) * (1.0 - 0.35 * along);
+            v.abs() < half_v * width * 0.9
+        }
+        Material::Lattice => {
+            if u.abs() > half_u - LATTICE_SLAT || v.abs() > half_v - LATTICE_SLAT {
+                return true;
+            }
+            let (_, rising) = split((u + v) / LATTICE_STEP);
+            let (_, falling) = split((u - v) / LATTICE_STEP);
+            let share = LATTICE_SLAT / LATTICE_STEP;
+            rising < share || falling < share
+        }
+        _ => true,
+    }
+}
+
+/// Distance between slats along `u + v`, m.
+const LATTICE_STEP: f64 = 0.2;
+/// Width of a slat along `u + v`, m.
+const LATTICE_SLAT: f64 = 0.042;
+
+/// The colour of a material at a place.
+pub fn colour(material: Material, place: &Place, seed: u32) -> Colour {
+    let seed = seed ^ place.tint;
+    match material {
+        Material::Wall => wall(place, seed),
+        Material::Ground => ground(place, seed),
+        Material::Crate => crate_face(place, seed),
+        Material::Marble => marble(place, seed),
+        Material::Glaze => glaze(place, seed),
+        Material::Bark => bark(place, seed),
+        Material::Tin => tin(place, seed),
+        Material::Board => board(place, seed),
+        Material::Lattice => {
+            let grain = fractal2(place.u * 40.0, place.v * 40.0, place.pixel * 40.0, 3, seed);
+            scale([0.86, 0.88, 0.84], 1.0 + 0.12 * grain)
+        }
+        Material::Bamboo => bamboo(place, seed),
+        Material::Stick => {
+            let grain = fractal2(place.u * 90.0, place.v * 35.0, place.pixel * 60.0, 3, seed);
+            scale([0.44, 0.33, 0.23], 1.0 + 0.4 * grain)
+        }
+        Material::Leaf => leaf(place, seed),
+    }
+}
+
+fn wall(place: &Place, seed: u32) -> Colour {
+    let &Place { u, v, pixel, .. } = place;
+    const LENGTH: f64 = 0.30;
+    const HEIGHT: f64 = 0.11;
+    const PALETTE: [Colour; 6] = [
+        [0.66, 0.35, 0.26],
+        [0.72, 0.42, 0.30],
+        [0.58, 0.29, 0.23],
+        [0.76, 0.50, 0.36],
+        [0.52, 0.31, 0.27],
+        [0.69, 0.39, 0.31],
+    ];
+    // Where the plaster still holds: the upper right, with a ragged border.
+    let border = (u - 0.15).min(v - 0.62) + 0.30 * fractal2(u * 1.7, v * 1.7, pixel * 1.7, 5, seed);
+    let plaster = edge(0.0, border, pixel.max(0.012));
+    let rim = step(0.0, 0.06, border);
+    let smooth = scale(
+        [0.83, 0.78, 0.68],
+        (0.90 + 0.10 * rim) * (1.0 + 0.025 * fractal2(u * 2.0, v * 2.0, pixel * 2.0, 6, seed ^ 3)),
+    );
+    if plaster >= 1.0 {
+        return smooth;
+    }
+    let (row, fv) = split(v / HEIGHT);
+    let (column, fu) = split(u / LENGTH + if row & 1 == 0 { 0.0 } else { 0.5 });
+    let from_edge = (fu.min(1.0 - fu) * LENGTH).min(fv.min(1.0 - fv) * HEIGHT);
+    let ragged = from_edge + 0.004 * noise2(u * 45.0, v * 45.0, seed ^ 5) * visible(0.02 / pixel);
+    let face = edge(0.0085, ragged, pixel + 0.003);
+    let bits = hash(column, row, 3, seed);
+    let grain = fractal2(u * 14.0, v * 20.0, pixel * 17.0, 5, bits);
+    let tone = 0.85 + 0.3 * fraction(bits.rotate_left(9));
+    let brick = scale(pick(&PALETTE, bits), tone * (1.0 + 0.30 * grain));
+    let mortar = scale(
+        [0.70, 0.66, 0.59],
+        1.0 + 0.2 * fractal2(u * 30.0, v * 30.0, pixel * 30.0, 3, seed ^ 6),
+    );
+    let wear = fractal2(u * 0.9, v * 1.3, pixel, 5, seed ^ 7);
+    let bare = scale(blend(mortar, brick, face), 1.0 + 0.22 * wear);
+    let damp = (1.0 - step(0.0, 0.45, v + 0.25 * wear)) * 0.55;
+    blend(blend(bare, [0.27, 0.30, 0.20], damp), smooth, plaster)
+}
+
+fn gravel(x: f64, z: f64, pixel: f64, seed: u32) -> Colour {
+    const PALETTE: [Colour; 7] = [
+        [0.66, 0.62, 0.55],
+        [0.54, 0.51, 0.47],
+        [0.76, 0.72, 0.64],
+        [0.43, 0.40, 0.38],
+        [0.63, 0.53, 0.42],
+        [0.84, 0.81, 0.76],
+        [0.50, 0.43, 0.36],
+    ];
+    const SIZE: f64 = 0.045;
+    let (inside, bits) = pebbles(x / SIZE, z / SIZE, seed);
+    let round = 0.30 + 0.70 * step(0.0, 0.45, inside);
+    let grain = fractal2(x * 60.0, z * 60.0, pixel * 60.0, 3, bits);
+    let pebble = scale(pick(&PALETTE, bits), round * (1.0 + 0.2 * grain));
+    let patches = 1.0 + 0.22 * fractal2(x * 3.0, z * 3.0, pixel * 3.0, 6, seed ^ 1);
+    let far = [0.52, 0.48, 0.43];
+    scale(blend(far, pebble, visible(SIZE / pixel)), patches)
+}
+
+fn ground(place: &Place, seed: u32) -> Colour {
+    let &Place {
+        u: x, v: z, pixel, ..
+    } = place;
+    const SLAB: f64 = 0.36;
+    let stones = gravel(x, z, pixel, seed);
+    // The path leaves the camera at an angle.
+    let across = x * 0.94 - z * 0.34 + 0.42;
+    let along = x * 0.34 + z * 0.94;
+    let wander = 0.05 * fractal2(x * 7.0, z * 7.0, pixel * 7.0, 4, seed ^ 2);
+    let path = edge(0.0, 2.0 * SLAB - across.abs() + wander * 0.6, pixel);
+    if path <= 0.0 {
+        return stones;
+    }
+    let (column, fx) = split(across / SLAB);
+    let (row, fz) = split(along / SLAB);
+    let joint = fx.min(1.0 - fx).min(fz.min(1.0 - fz)) * SLAB + 0.12 * wander;
+    let bits = hash(column, row, 5, seed);
+    let base = if (column ^ row) & 1 == 0 {
+        [0.72, 0.62, 0.50]
+    } else {
+        [0.47, 0.45, 0.45]
+    };
+    let grain = fractal2(x * 18.0, z * 18.0, pixel * 18.0, 6, bits);
+    let tone = 0.86 + 0.26 * fraction(bits);
+    let pits = fractal2(x * 85.0, z * 85.0, pixel * 85.0, 3, seed ^ 4);
+    let slab = scale(base, tone * (1.0 + 0.30 * grain + 0.20 * pits));
+    let moss = blend([0.26, 0.30, 0.17], stones, 0.35);
+    let face = edge(0.012, joint, pixel + 0.004);
+    blend(stones, blend(moss, slab, face), path)
+}
+
+/// Wood with the grain along `along`.
+fn wood(along: f64, across: f64, pixel: f64, seed: u32) -> Colour {
+    let bend = 0.05 * noise2(along * 3.0, across * 4.0, seed ^ 9);
+    let rings = fractal2(
+        along * 2.5,
+        (across + bend) * 38.0,
+        pixel * 38.0,
+        4,
+        seed ^ 10,
+    );
+    let pores = fractal2(along * 16.0, across * 110.0, pixel * 90.0, 2, seed ^ 11);
+    let share = (0.5 + 0.55 * rings + 0.2 * pores).clamp(0.0, 1.0);
+    blend([0.80, 0.62, 0.40], [0.47, 0.30, 0.17], share)
+}
+
+fn crate_face(place: &Place, seed: u32) -> Colour {
+    let &Place { u, v, pixel, .. } = place;
+    let (half_u, half_v) = (place.half_u, place.half_v);
+    const FRAME: f64 = 0.075;
+    const PLANK: f64 = 0.11;
+    let from_side = half_u - u.abs();
+    let from_end = half_v - v.abs();
+    let brace = (u * half_v - v * half_u).abs() / (half_u * half_u + half_v * half_v).sqrt();
+    let gap = |distance: f64, bits: u32, wood: Colour| {
+        let tone = 0.82 + 0.3 * fraction(bits);
+        scale(
+            wood,
+            tone * (0.25 + 0.75 * edge(0.004, distance, pixel + 0.004)),
+        )
+    };
+    if from_end < FRAME {
+        let bits = hash(i32::from(v > 0.0), 1, 7, seed);
+        gap((FRAME - from_end).abs(), bits, wood(u, v, pixel, bits))
+    } else if from_side < FRAME {
+        let bits = hash(i32::from(u > 0.0), 2, 7, seed);
+        gap((FRAME - from_side).abs(), bits, wood(v, u, pixel, bits))
+    } else if brace < FRAME * 0.5 {
+        let bits = hash(0, 3, 7, seed);
+        let (along, across) = (u * 0.71 + v * 0.71, u * 0.71 - v * 0.71);
+        gap(FRAME * 0.5 - brace, bits, wood(along, across, pixel, bits))
+    } else {
+        let (plank, rest) = split((u + half_u) / PLANK);
+        let bits = hash(plank, 4, 7, seed);
+        let colour = gap(rest.min(1.0 - rest) * PLANK, bits, wood(v, u, pixel, bits));
+        scale(colour, 0.82)
+    }
+}
+
+fn marble(place: &Place, seed: u32) -> Colour {
+    let point = place.point;
+    let cloud = fractal3(point * 5.0, place.pixel * 5.0, 6, seed ^ 12);
+    let vein = fractal3(point * 7.0, place.pixel * 7.0, 5, seed ^ 13);
+    let line = 1.0 - step(0.0, 0.16, vein.abs());
+    let speckle = fractal3(point * 60.0, place.pixel * 60.0, 3, seed ^ 14);
+    let base = blend(
+        [0.36, 0.50, 0.50],
+        [0.68, 0.76, 0.70],
+        (0.5 + 0.7 * cloud).clamp(0.0, 1.0),
+    );
+    let veined = blend(base, [0.93, 0.92, 0.86], line * 0.75);
+    scale(veined, 1.0 + 0.30 * speckle)
+}
+
+fn glaze(place: &Place, seed: u32) -> Colour {
+    const PALETTE: [Colour; 4] = [
+        [0.87, 0.49, 0.16],
+        [0.95, 0.83, 0.56],
+        [0.74, 0.25, 0.15],
+        [0.20, 0.36, 0.46],
+    ];
+    let point = place.point;
+    let wave = 0.022 * noise3(point * 14.0, seed ^ 15);
+    let (band, _) = split((place.v + 0.35 * place.u + wave) / 0.055);
+    let spots = fractal3(point * 38.0, place.pixel * 38.0, 4, seed ^ 16);
+    let base = pick(&PALETTE, (band & 3).cast_unsigned() << 8);
+    let spotted = blend(base, [0.30, 0.15, 0.10], step(0.35, 0.55, spots) * 0.7);
+    scale(spotted, 1.0 + 0.18 * spots)
+}
+
+fn bark(place: &Place, seed: u32) -> Colour {
+    let &Place { u, v, pixel, .. } = place;
+    let twist = 0.03 * noise2(u * 6.0, v * 5.0, seed ^ 17);
+    let ridges = fractal2((u + twist) * 22.0, v * 5.0, pixel * 20.0, 5, seed ^ 18);
+    let fine = fractal2(u * 45.0, v * 45.0, pixel * 45.0, 3, seed ^ 19);
+    let share = (0.45 + 0.8 * ridges + 0.25 * fine).clamp(0.0, 1.0);
+    let lichen = step(
+        0.25,
+        0.5,
+        fractal2(u * 6.0, v * 6.0, pixel * 6.0, 5, seed ^ 20),
+    );
+    let wood = blend([0.23, 0.17, 0.13], [0.60, 0.50, 0.40], share);
+    blend(wood, [0.58, 0.62, 0.46], lichen * 0.5)
+}
+
+fn tin(place: &Place, seed: u32) -> Colour {
+    let &Place { u, v, pixel, .. } = place;
+    let height = 2.0 * place.half_v;
+    let scuff = fractal2(u * 25.0, v * 25.0, pixel * 25.0, 5, seed ^ 21);
+    let worn = 1.0 + 0.16 * scuff;
+    if v > height {
+        return scale([0.70, 0.71, 0.72], worn);
+    }
+    let from_end = v.min(height - v);
+    if from_end < 0.018 {
+        return scale([0.76, 0.76, 0.74], worn);
+    }
+    if from_end < 0.05 {
+        return scale([0.90, 0.86, 0.72], worn);
+    }
+    let (rising, _) = split((u + v) / 0.06);
+    let (falling, _) = split((u - v) / 0.06);
+    let base = if (rising ^ falling) & 1 == 0 {
+        [0.14, 0.34, 0.55]
+    } else {
+        [0.91, 0.76, 0.30]
+    };
+    scale(base, worn)
+}
+
+fn board(place: &Place, seed: u32) -> Colour {
+    let (half_u, half_v) = (place.half_u, place.half_v);
+    // From the upper left corner, as print runs.
+    let (x, y) = (half_u - place.u, half_v - place.v);
+    let paper = scale(
+        [0.90, 0.87, 0.78],
+        1.0 + 0.07 * fractal2(x * 12.0, y * 12.0, place.pixel * 12.0, 6, seed ^ 22),
+    );
+    let ink = [0.13, 0.13, 0.17];
+    let from_edge = (half_u - place.u.abs()).min(half_v - place.v.abs());
+    if from_edge < 0.022 {
+        return scale([0.33, 0.19, 0.12], 1.0 + 2.0 * (paper[0] - 0.9));
+    }
+    let (left, top) = (x - 0.055, y - 0.05);
+    let (width, height) = (2.0 * half_u - 0.11, 2.0 * half_v - 0.10);
+    if left < 0.0 || top < 0.0 || left > width || top > height {
+        return paper;
+    }
+    // A checker patch in the lower right corner.
+    let patch = 0.24;
+    if left > width - patch && top > height - patch {
+        let (column, _) = split((left - width + patch) / 0.04);
+        let (row, _) = split((top - height + patch) / 0.04);
+        return if (column ^ row) & 1 == 0 { ink } else { paper };
+    }
+    // Lines of made-up letters, three by five dots each; the headline is larger and red.
+    let headline = 0.13;
+    let (dot, origin, tone) = if top < headline {
+        (0.022, 0.0, [0.66, 0.14, 0.12])
+    } else {
+        (0.0115, headline, ink)
+    };
+    let (letter, column) = split(left / (dot * 4.0));
+    let (line, row) = split((top - origin) / (dot * 7.0));
+    let (column, row) = ((column * 4.0) as u32, (row * 7.0) as u32);
+    let bits = hash(letter, line, 8, seed ^ u32::from(top < headline));
+    let space = bits >> 29 == 0;
+    // No cut letters at the right, at the foot or before the patch.
+    let end = f64::from(letter + 1) * dot * 4.0;
+    let foot = origin + f64::from(line + 1) * dot * 7.0;
+    let margin = if foot > height - patch { patch } else { 0.0 };
+    let fits = end <= width - margin && foot <= height;
+    let inked = fits && column < 3 && row < 5 && (bits >> (row * 3 + column)) & 1 == 1;
+    if inked && !space { tone } else { paper }
+}
+
+fn bamboo(place: &Place, seed: u32) -> Colour {
+    let &Place { u, v, pixel, .. } = place;
+    let (joint, rest) = split(v / 0.17);
+    let bits = hash(joint, 0, 9, seed);
+    let grain = fractal2(u * 160.0, v * 14.0, pixel * 100.0, 3, bits);
+    let blotch = fractal2(u * 25.0, v * 25.0, pixel * 25.0, 5, seed ^ 23);
+    let node = 1.0 - step(0.0, 0.06, rest.min(1.0 - rest));
+    let base = blend([0.80, 0.70, 0.40], [0.58, 0.58, 0.28], fraction(bits));
+    scale(
+        blend(base, [0.33, 0.25, 0.14], node * 0.8),
+        1.0 + 0.20 * grain + 0.25 * blotch,
+    )
+}
+
+fn leaf(place: &Place, seed: u32) -> Colour {
+    let &Place { u, v, pixel, .. } = place;
+    let hue = fraction(hash(0, 0, 10, seed));
+    let base = blend([0.22, 0.42, 0.14], [0.52, 0.60, 0.22], hue);
+    let blotch = fractal2(u * 60.0, v * 60.0, pixel * 60.0, 4, seed ^ 24);
+    let rib = 1.0 - edge(0.0012, v.abs(), pixel + 0.001);
+    let toned = scale(base, 1.0 + 0.35 * blotch);
+    blend(toned, [0.72, 0.76, 0.46], rib * 0.6)
+}
