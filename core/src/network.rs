@@ -105,7 +105,7 @@ impl<'a, W: Word, const WORDS: usize, const CAPACITY: usize> Network<'a, W, WORD
                 Some(offsets.len()) == synapses.checked_mul(neurons.len())
             }
         };
-        if width == 0 || neurons.is_empty() || neurons.len() % width != 0 || !enough {
+        if width == 0 || neurons.is_empty() || !neurons.len().is_multiple_of(width) || !enough {
             return Err(NetworkError::Size);
         }
         Ok(Self {

@@ -199,7 +199,7 @@ mod tests {
         assert!(
             [0, 2, 3]
                 .iter()
-                .all(|&i| (counts[i] as i32 - 1000).abs() < 130),
+                .all(|&i| (counts[i] - 1000_i32).abs() < 130),
             "{counts:?}"
         );
         let first = neuron.recall_first(&pattern(0b0001)).unwrap();

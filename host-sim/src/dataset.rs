@@ -136,5 +136,8 @@ fn to_disparities(image: DynamicImage, scale: f32) -> Vec<f32> {
 
 fn to_mask(image: DynamicImage) -> Mask {
     let values = image.into_luma8().into_raw().into_iter();
-    values.map(|value| value == u8::MAX).collect()
+    values
+        .map(|value| value == u8::MAX)
+        .collect::<Vec<bool>>()
+        .into()
 }

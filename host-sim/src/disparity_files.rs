@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail, ensure};
 use image::{DynamicImage, ImageBuffer, ImageFormat};
 use vgstereo_core::disparity::{DisparityRange, INVALID, STEPS_PER_PX};
 
-use crate::files::{encode, write_file};
+use crate::files::encode;
 
 /// How a disparity map is stored.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,14 +71,14 @@ impl DisparityFormat {
         })
     }
 
-    /// Writes disparities, 1/16 px, row-major; the file is written whole or not at all.
+    /// The bytes of a file of disparities, 1/16 px, row-major.
     ///
     /// # Errors
-    /// One line that names the file and the reason.
-    pub fn write(self, path: &Path, disparities_q4: &[i16], width: u32) -> Result<()> {
+    /// When the disparities are not whole lines.
+    pub fn encode(self, disparities_q4: &[i16], width: u32) -> Result<Vec<u8>> {
         let height = u32::try_from(disparities_q4.len() / width.max(1) as usize)?;
-        let bytes = match self {
-            Self::Pfm => pfm(disparities_q4, width, height),
+        match self {
+            Self::Pfm => Ok(pfm(disparities_q4, width, height)),
             Self::Scaled {
                 container,
                 scale,
@@ -94,10 +94,9 @@ impl DisparityFormat {
                         .map(DynamicImage::ImageLuma8)
                 };
                 let image = image.context("the disparities do not fill the image")?;
-                encode(&image, container)?
+                encode(&image, container)
             }
-        };
-        write_file(path, &bytes)
+        }
     }
 }
 
@@ -175,7 +174,8 @@ mod tests {
             ("a.pgm", [0, 1, 4, 10, 236, 2]),
         ] {
             let path = folder.path().join(name);
-            choose(name, None).unwrap().write(&path, &map, 3).unwrap();
+            let bytes = choose(name, None).unwrap().encode(&map, 3).unwrap();
+            std::fs::write(&path, bytes).unwrap();
             let image = image::open(&path).unwrap();
             assert_eq!((image.width(), image.height()), (3, 2));
             assert_eq!(image.into_luma8().into_raw(), expected);
@@ -183,15 +183,13 @@ mod tests {
         for name in ["b.png", "b.pgm"] {
             let path = folder.path().join(name);
             let format = choose(name, Some(256.0)).unwrap();
-            format.write(&path, &map, 3).unwrap();
+            std::fs::write(&path, format.encode(&map, 3).unwrap()).unwrap();
             let DynamicImage::ImageLuma16(image) = image::open(&path).unwrap() else {
                 panic!("{name} has 16 bits");
             };
             assert_eq!(image.into_raw(), [0, 1, 256, 640, 59 * 256, 128]);
         }
-        let path = folder.path().join("a.pfm");
-        DisparityFormat::Pfm.write(&path, &map, 3).unwrap();
-        let bytes = std::fs::read(&path).unwrap();
+        let bytes = DisparityFormat::Pfm.encode(&map, 3).unwrap();
         let (header, pixels) = bytes.split_at(b"Pf\n3 2\n-1.0\n".len());
         assert_eq!(header, b"Pf\n3 2\n-1.0\n");
         let pixels: Vec<f32> = pixels

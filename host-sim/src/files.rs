@@ -1,11 +1,12 @@
 //! Reading and writing images: errors name the file, and no file is left half written.
 
 use std::fs;
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, bail};
 use image::{DynamicImage, ImageFormat, ImageReader};
+use tempfile::NamedTempFile;
 
 /// Reads a PNG, PPM, PGM or JPEG; the content decides, not the name.
 ///
@@ -30,37 +31,49 @@ pub fn read_image(path: &Path) -> Result<DynamicImage> {
     Ok(image)
 }
 
-/// Writes a file whole or not at all: to a temporary file beside it, then renamed.
+/// Writes files whole or not at all: all to temporary files beside them, then renamed.
 ///
 /// # Errors
 /// One line that names the file and the reason.
-pub fn write_file(path: &Path, bytes: &[u8]) -> Result<()> {
+pub fn write_files(files: &[(&Path, Vec<u8>)]) -> Result<()> {
+    let mut written = Vec::new();
+    for (path, bytes) in files {
+        let file = write_beside(path, bytes);
+        written.push(file.with_context(|| format!("cannot write {}", path.display()))?);
+    }
+    for (file, (path, _)) in written.into_iter().zip(files) {
+        file.persist(path)
+            .with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(())
+}
+
+fn write_beside(path: &Path, bytes: &[u8]) -> io::Result<NamedTempFile> {
+    if path.is_dir() {
+        return Err(io::ErrorKind::IsADirectory.into());
+    }
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
     };
-    let write = || -> std::io::Result<()> {
-        let mut builder = tempfile::Builder::new();
-        #[cfg(unix)]
-        {
-            // A temporary file is private; one for the user gets the usual rights.
-            use std::os::unix::fs::PermissionsExt;
-            builder.permissions(fs::Permissions::from_mode(0o666));
-        }
-        let mut file = builder.tempfile_in(folder)?;
-        file.write_all(bytes)?;
-        file.persist(path)?;
-        Ok(())
-    };
-    write().with_context(|| format!("cannot write {}", path.display()))
+    let mut builder = tempfile::Builder::new();
+    #[cfg(unix)]
+    {
+        // A temporary file is private; one for the user gets the usual rights.
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    let mut file = builder.tempfile_in(folder)?;
+    file.write_all(bytes)?;
+    Ok(file)
 }
 
 /// Writes an image as PNG.
 ///
 /// # Errors
-/// As [`write_file`].
+/// As [`write_files`].
 pub fn write_png(path: &Path, image: &DynamicImage) -> Result<()> {
-    write_file(path, &encode(image, ImageFormat::Png)?)
+    write_files(&[(path, encode(image, ImageFormat::Png)?)])
 }
 
 /// An image in the bytes of a file format.

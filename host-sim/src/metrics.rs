@@ -2,7 +2,7 @@
 
 use vgstereo_core::disparity::{INVALID, STEPS_PER_PX};
 
-use crate::scene::GroundTruth;
+use crate::scene::{GroundTruth, Mask};
 
 /// Percentages of bad pixels: those without a disparity, or with one further than the
 /// threshold from the truth (Scharstein and Szeliski 2002, equation 2).
@@ -22,8 +22,8 @@ impl BadPixels {
     /// Measures `disparities_q4`, 1/16 px, of the left view against its truth.
     #[must_use]
     pub fn measure(disparities_q4: &[i16], truth: &GroundTruth, threshold_px: f32) -> Self {
-        let over = |mask: &Option<Vec<bool>>| {
-            let mask = mask.as_ref()?;
+        let over = |mask: &Option<Mask>| {
+            let mask = mask.as_deref()?;
             let mut pixels = 0_u32;
             let mut bad = 0_u32;
             for ((&found, &known), &inside) in disparities_q4.iter().zip(&truth.left_px).zip(mask) {
@@ -76,8 +76,8 @@ mod tests {
         let truth = GroundTruth {
             left_px: vec![1.0, 2.0, 3.0, f32::NAN],
             right_px: None,
-            nonocc: Some(vec![true, false, false, true]),
-            all: Some(vec![true; 4]),
+            nonocc: Some(vec![true, false, false, true].into()),
+            all: Some(vec![true; 4].into()),
             disc: None,
         };
         let found = BadPixels::measure(&[16, 16 * 4, INVALID, 0], &truth, 1.0);

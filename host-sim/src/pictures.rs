@@ -4,7 +4,7 @@ use image::{Rgb, RgbImage};
 use vgstereo_core::disparity::{DisparityRange, INVALID, px_to_q4};
 
 use crate::metrics::is_bad;
-use crate::scene::GroundTruth;
+use crate::scene::{GroundTruth, Mask};
 
 const BLACK: Rgb<u8> = Rgb([0, 0, 0]);
 
@@ -40,8 +40,8 @@ pub fn error_map(
         .zip(&truth.left_px)
         .enumerate()
         .map(|(index, (&found, &known))| {
-            let flag = |mask: &Option<Vec<bool>>| {
-                mask.as_ref()
+            let flag = |mask: &Option<Mask>| {
+                mask.as_deref()
                     .is_none_or(|mask| mask.get(index).copied().unwrap_or(false))
             };
             if known.is_nan() || !(flag(&truth.all) || flag(&truth.nonocc)) {

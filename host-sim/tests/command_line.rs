@@ -64,7 +64,11 @@ impl Fixture {
         assert_eq!(outcome.stdout, "", "{arguments:?}");
         assert_eq!(outcome.stderr.lines().count(), 1, "{}", outcome.stderr);
         for word in words {
-            assert!(outcome.stderr.contains(word), "{word:?} in {}", outcome.stderr);
+            assert!(
+                outcome.stderr.contains(word),
+                "{word:?} in {}",
+                outcome.stderr
+            );
         }
         assert_eq!(self.files(), before, "{arguments:?} wrote something");
     }
@@ -97,8 +101,17 @@ fn fraction(image: &DynamicImage, value: u16) -> f64 {
 fn match_writes_every_format_and_the_colours() {
     let fixture = Fixture::new();
     let outcome = fixture.run(&[
-        "match", "left.png", "right.png", "--out", "a.png", "--d-max", "20", "--scale", "256",
-        "--color", "colour.png",
+        "match",
+        "left.png",
+        "right.png",
+        "--out",
+        "a.png",
+        "--d-max",
+        "20",
+        "--scale",
+        "256",
+        "--color",
+        "colour.png",
     ]);
     assert_eq!((outcome.code, outcome.stderr.as_str()), (Some(0), ""));
     assert!(outcome.stdout.contains("wrote a.png") && outcome.stdout.contains("wrote colour.png"));
@@ -110,8 +123,19 @@ fn match_writes_every_format_and_the_colours() {
 
     for name in ["b.pgm", "b.png"] {
         let outcome = fixture.run(&[
-            "match", "left.png", "right.png", "--out", name, "--d-max", "20", "--scale", "4",
-            "--reference", "right", "--preset", "paper-raw",
+            "match",
+            "left.png",
+            "right.png",
+            "--out",
+            name,
+            "--d-max",
+            "20",
+            "--scale",
+            "4",
+            "--reference",
+            "right",
+            "--preset",
+            "paper-raw",
         ]);
         assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
         let map = image::open(fixture.path(name)).unwrap();
@@ -119,7 +143,17 @@ fn match_writes_every_format_and_the_colours() {
         // Widening 8 bits to 16 repeats the byte.
         assert!(fraction(&map, SHIFT as u16 * 4 * 257) > 0.99, "{name}");
     }
-    let pfm = ["match", "right.png", "left.png", "--out", "c.pfm", "--d-max", "3", "--min-disparity", "-9"];
+    let pfm = [
+        "match",
+        "right.png",
+        "left.png",
+        "--out",
+        "c.pfm",
+        "--d-max",
+        "3",
+        "--min-disparity",
+        "-9",
+    ];
     assert_eq!(fixture.run(&pfm).code, Some(0));
     let bytes = fs::read(fixture.path("c.pfm")).unwrap();
     let header = format!("Pf\n{WIDTH} {HEIGHT}\n-1.0\n");
@@ -140,7 +174,15 @@ fn match_reads_every_format_and_gives_the_same_map() {
         ("grey.png", DynamicImage::from(grey)),
     ] {
         image.save(fixture.path(name)).unwrap();
-        let outcome = fixture.run(&["match", name, "right.png", "--out", "a.png", "--d-max", "20"]);
+        let outcome = fixture.run(&[
+            "match",
+            name,
+            "right.png",
+            "--out",
+            "a.png",
+            "--d-max",
+            "20",
+        ]);
         assert_eq!(outcome.code, Some(0), "{name}: {}", outcome.stderr);
         let map = image::open(fixture.path("a.png")).unwrap();
         // The largest whole scale that keeps 20 px in 8 bits is 12.
@@ -153,7 +195,15 @@ fn match_obeys_its_parameters_and_seeds() {
     let fixture = Fixture::new();
     let map = |name: &str, more: &[&str]| {
         let mut arguments = vec![
-            "match", "left.png", "right.png", "--preset", "paper-raw", "--d-max", "30", "--out", name,
+            "match",
+            "left.png",
+            "right.png",
+            "--preset",
+            "paper-raw",
+            "--d-max",
+            "30",
+            "--out",
+            name,
         ];
         arguments.extend(more);
         assert_eq!(fixture.run(&arguments).code, Some(0));
@@ -161,7 +211,13 @@ fn match_obeys_its_parameters_and_seeds() {
     };
     let narrow = ["--synapses", "16", "--sigma", "1", "--seed"];
     let first = map("a.png", &[narrow.as_slice(), &["3"]].concat());
-    assert_eq!(first, map("b.png", &[narrow.as_slice(), &["3", "--threads", "3"]].concat()));
+    assert_eq!(
+        first,
+        map(
+            "b.png",
+            &[narrow.as_slice(), &["3", "--threads", "3"]].concat()
+        )
+    );
     assert_ne!(first, map("c.png", &[narrow.as_slice(), &["4"]].concat()));
     assert_ne!(first, map("d.png", &["--seed", "3"]));
 }
@@ -170,7 +226,9 @@ fn match_obeys_its_parameters_and_seeds() {
 fn match_refuses_bad_input() {
     let fixture = Fixture::new();
     texture(0).save(fixture.path("whole.png")).unwrap();
-    RgbImage::new(WIDTH, HEIGHT + 1).save(fixture.path("taller.png")).unwrap();
+    RgbImage::new(WIDTH, HEIGHT + 1)
+        .save(fixture.path("taller.png"))
+        .unwrap();
     fs::write(fixture.path("text.png"), "no image").unwrap();
     fs::write(fixture.path("empty.png"), "").unwrap();
     fs::write(fixture.path("zero.pgm"), "P5\n0 0\n255\n").unwrap();
@@ -190,19 +248,74 @@ fn match_refuses_bad_input() {
     run("empty.png", "right.png", &[], &["empty.png"]);
     run("zero.pgm", "zero.pgm", &[], &["zero.pgm"]);
     run("cut.png", "right.png", &[], &["cut.png"]);
-    run("left.png", "taller.png", &[], &["taller.png", "80x40", "80x41"]);
-    run("left.png", "right.png", &["--d-max", "80"], &["80", "width"]);
-    run("left.png", "right.png", &["--d-max", "3000"], &["3000", "width"]);
-    run("left.png", "right.png", &["--d-max", "4", "--min-disparity", "5"], &["5", "4"]);
-    run("left.png", "right.png", &["--min-disparity", "-80", "--out", "out.pfm"], &["-80", "80"]);
-    run("left.png", "right.png", &["--min-disparity", "-1"], &[".pfm", "negative"]);
-    run("left.png", "right.png", &["--out", "out.bmp"], &["out.bmp", ".png"]);
-    run("left.png", "right.png", &["--out", "no/folder/out.png"], &["no/folder/out.png"]);
-    run("left.png", "right.png", &["--synapses", "20"], &["synapses", "16"]);
-    run("left.png", "right.png", &["--sigma", "11"], &["sigma", "10"]);
+    run(
+        "left.png",
+        "taller.png",
+        &[],
+        &["taller.png", "80x40", "80x41"],
+    );
+    run(
+        "left.png",
+        "right.png",
+        &["--d-max", "80"],
+        &["80", "width"],
+    );
+    run(
+        "left.png",
+        "right.png",
+        &["--d-max", "3000"],
+        &["3000", "width"],
+    );
+    run(
+        "left.png",
+        "right.png",
+        &["--d-max", "4", "--min-disparity", "5"],
+        &["5", "4"],
+    );
+    run(
+        "left.png",
+        "right.png",
+        &["--min-disparity", "-80", "--out", "out.pfm"],
+        &["-80", "80"],
+    );
+    run(
+        "left.png",
+        "right.png",
+        &["--min-disparity", "-1"],
+        &[".pfm", "negative"],
+    );
+    run(
+        "left.png",
+        "right.png",
+        &["--out", "out.bmp"],
+        &["out.bmp", ".png"],
+    );
+    run(
+        "left.png",
+        "right.png",
+        &["--out", "no/folder/out.png"],
+        &["no/folder/out.png"],
+    );
+    run(
+        "left.png",
+        "right.png",
+        &["--synapses", "20"],
+        &["synapses", "16"],
+    );
+    run(
+        "left.png",
+        "right.png",
+        &["--sigma", "11"],
+        &["sigma", "10"],
+    );
     run("left.png", "right.png", &["--sigma", "NaN"], &["sigma"]);
     run("left.png", "right.png", &["--scale", "0"], &["--scale 0"]);
-    run("left.png", "right.png", &["--color", "no/folder/c.png"], &["no/folder/c.png"]);
+    run(
+        "left.png",
+        "right.png",
+        &["--color", "no/folder/c.png"],
+        &["no/folder/c.png"],
+    );
 }
 
 /// What clap itself refuses also ends with code 2.
@@ -212,8 +325,24 @@ fn unknown_words_are_refused() {
     for arguments in [
         &["mach"][..],
         &["match", "left.png"],
-        &["match", "left.png", "right.png", "--out", "a.png", "--preset", "best"],
-        &["match", "left.png", "right.png", "--out", "a.png", "--d-max", "many"],
+        &[
+            "match",
+            "left.png",
+            "right.png",
+            "--out",
+            "a.png",
+            "--preset",
+            "best",
+        ],
+        &[
+            "match",
+            "left.png",
+            "right.png",
+            "--out",
+            "a.png",
+            "--d-max",
+            "many",
+        ],
         &["eval", ".", "--preset", "paper,,"],
     ] {
         let outcome = fixture.run(arguments);
@@ -234,9 +363,11 @@ fn write_scene(folder: &Path, gt: &DynamicImage, meta: &str, masks: &[&str]) {
     fs::write(folder.join("meta.toml"), meta).unwrap();
     for mask in masks {
         let inner = |x, y| (20..WIDTH - 20).contains(&x) && (8..HEIGHT - 8).contains(&y);
-        GrayImage::from_fn(WIDTH, HEIGHT, |x, y| Luma([if inner(x, y) { 255 } else { 128 }]))
-            .save(folder.join(mask))
-            .unwrap();
+        GrayImage::from_fn(WIDTH, HEIGHT, |x, y| {
+            Luma([if inner(x, y) { 255 } else { 128 }])
+        })
+        .save(folder.join(mask))
+        .unwrap();
     }
 }
 
@@ -271,17 +402,39 @@ fn eval_prints_the_stated_json() {
     assert_eq!(preset["preset"], "paper");
     let scenes = preset["scenes"].as_array().unwrap();
     assert_eq!(scenes.len(), 2);
-    let keys: Vec<&str> = scenes[0].as_object().unwrap().keys().map(String::as_str).collect();
+    let keys: Vec<&str> = scenes[0]
+        .as_object()
+        .unwrap()
+        .keys()
+        .map(String::as_str)
+        .collect();
     let mut expected = vec![
-        "scene", "width", "height", "d_max", "nonocc", "all", "disc", "average", "invalid",
-        "seconds", "working_bytes", "latency_lines",
+        "scene",
+        "width",
+        "height",
+        "d_max",
+        "nonocc",
+        "all",
+        "disc",
+        "average",
+        "invalid",
+        "seconds",
+        "working_bytes",
+        "latency_lines",
     ];
     expected.sort_unstable();
     let mut sorted = keys.clone();
     sorted.sort_unstable();
     assert_eq!(sorted, expected);
-    assert_eq!((&scenes[0]["scene"], &scenes[0]["width"], &scenes[0]["height"], &scenes[0]["d_max"]),
-        (&"a".into(), &WIDTH.into(), &HEIGHT.into(), &12.into()));
+    assert_eq!(
+        (
+            &scenes[0]["scene"],
+            &scenes[0]["width"],
+            &scenes[0]["height"],
+            &scenes[0]["d_max"]
+        ),
+        (&"a".into(), &WIDTH.into(), &HEIGHT.into(), &12.into())
+    );
     for mask in ["nonocc", "all", "disc", "average"] {
         assert!(scenes[0][mask].as_f64().unwrap() < 1.0, "{mask}");
     }
@@ -289,11 +442,21 @@ fn eval_prints_the_stated_json() {
     assert!(scenes[1]["nonocc"].as_f64().unwrap() > 99.0);
     assert!(scenes[1]["all"].is_null() && scenes[1]["disc"].is_null());
     assert_eq!(scenes[1]["average"], scenes[1]["nonocc"]);
-    let mean = (scenes[0]["average"].as_f64().unwrap() + scenes[1]["average"].as_f64().unwrap()) / 2.0;
+    let mean =
+        (scenes[0]["average"].as_f64().unwrap() + scenes[1]["average"].as_f64().unwrap()) / 2.0;
     assert!((preset["average"].as_f64().unwrap() - mean).abs() < 1e-9);
     assert_eq!(scenes[0]["latency_lines"], 20);
 
-    let loose = fixture.run(&["eval", "set", "b", "--preset", "paper", "--json", "--threshold", "3"]);
+    let loose = fixture.run(&[
+        "eval",
+        "set",
+        "b",
+        "--preset",
+        "paper",
+        "--json",
+        "--threshold",
+        "3",
+    ]);
     let report: serde_json::Value = serde_json::from_str(&loose.stdout).unwrap();
     assert!(report["presets"][0]["average"].as_f64().unwrap() < 1.0);
 }
@@ -304,9 +467,17 @@ fn eval_prints_tables_and_writes_pictures() {
     let outcome = fixture.run(&["eval", "set", "--out", "pictures", "--threads", "2"]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
     for word in ["paper-raw", "paper ", "| a ", "| b ", "average", "lines"] {
-        assert!(outcome.stdout.contains(word), "{word:?} in {}", outcome.stdout);
+        assert!(
+            outcome.stdout.contains(word),
+            "{word:?} in {}",
+            outcome.stdout
+        );
     }
-    for name in ["a-paper-disparity.png", "a-paper-error.png", "b-paper-raw-error.png"] {
+    for name in [
+        "a-paper-disparity.png",
+        "a-paper-error.png",
+        "b-paper-raw-error.png",
+    ] {
         let picture = image::open(fixture.path("pictures").join(name)).unwrap();
         assert_eq!((picture.width(), picture.height()), (WIDTH, HEIGHT));
     }
@@ -321,14 +492,33 @@ fn eval_and_sweep_refuse_bad_folders() {
     fixture.refuses(&["eval", "set/group"], &["set/group", "no scenes"]);
     fixture.refuses(&["eval", "set", "c"], &["set/c", "left.png"]);
     fixture.refuses(&["eval", "set", "--threshold", "0"], &["--threshold"]);
-    fixture.refuses(&["sweep", "set", "--plot", "plot.png"], &["plot.png", ".svg"]);
+    fixture.refuses(
+        &["sweep", "set", "--plot", "plot.png"],
+        &["plot.png", ".svg"],
+    );
     fixture.refuses(&["sweep", "set", "--synapses", "20"], &["synapses"]);
     for (file, bytes, words) in [
-        ("meta.toml", &b"d_max = 12\n"[..], &["set/a/meta.toml", "gt_scale"][..]),
-        ("meta.toml", b"d_max = 12\ngt_scale = 0\n", &["set/a/meta.toml", "gt_scale"]),
-        ("meta.toml", b"d_max = 80\ngt_scale = 4\n", &["a", "disparities"]),
+        (
+            "meta.toml",
+            &b"d_max = 12\n"[..],
+            &["set/a/meta.toml", "gt_scale"][..],
+        ),
+        (
+            "meta.toml",
+            b"d_max = 12\ngt_scale = 0\n",
+            &["set/a/meta.toml", "gt_scale"],
+        ),
+        (
+            "meta.toml",
+            b"d_max = 80\ngt_scale = 4\n",
+            &["a", "disparities"],
+        ),
         ("gt_left.png", b"", &["set/a/gt_left.png"]),
-        ("all.png", b"P5 1 1 255\n0", &["set/a/all.png", "1x1", "80x40"]),
+        (
+            "all.png",
+            b"P5 1 1 255\n0",
+            &["set/a/all.png", "1x1", "80x40"],
+        ),
     ] {
         let path = fixture.path("set/a").join(file);
         let kept = fs::read(&path).unwrap();
@@ -343,7 +533,16 @@ fn eval_and_sweep_refuse_bad_folders() {
 fn sweep_prints_the_stated_json_and_plots() {
     let fixture = two_scenes();
     let outcome = fixture.run(&[
-        "sweep", "set", "a", "--synapses", "16,64", "--sigma", "1,2.5,4", "--json", "--plot", "plot.svg",
+        "sweep",
+        "set",
+        "a",
+        "--synapses",
+        "16,64",
+        "--sigma",
+        "1,2.5,4",
+        "--json",
+        "--plot",
+        "plot.svg",
     ]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
     let report: serde_json::Value = serde_json::from_str(&outcome.stdout).unwrap();
@@ -365,7 +564,11 @@ fn presets_are_listed_with_their_memory() {
     let outcome = fixture.run(&["presets", "--width", "450", "--d-max", "59"]);
     assert_eq!(outcome.code, Some(0));
     for word in ["paper-raw", "paper ", "256", "54.7", "any height"] {
-        assert!(outcome.stdout.contains(word), "{word:?} in {}", outcome.stdout);
+        assert!(
+            outcome.stdout.contains(word),
+            "{word:?} in {}",
+            outcome.stdout
+        );
     }
     fixture.refuses(&["presets", "--width", "59", "--d-max", "59"], &["59"]);
 }

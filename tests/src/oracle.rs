@@ -77,7 +77,7 @@ fn candidates(pair: &Pair, config: &Config, synapses: Synapses<'_>) -> Vec<Vec<i
                 let mut generator = Pcg32::seed_from_u64(seed.wrapping_add(y as u64));
                 let draw = (0..=x).map(|_| generator.next_u32()).last().unwrap();
                 if ties > 0 {
-                    list[0] = list[(u64::from(draw) * ties as u64 >> 32) as usize];
+                    list[0] = list[((u64::from(draw) * ties as u64) >> 32) as usize];
                 }
             }
             list.truncate(config.parameters.candidates.into());

@@ -1,11 +1,238 @@
-//! demo
-use clap::Args;
-/// Demo
-#[derive(Debug, Args, Default)]
-pub struct Demo {}
+//! `vgstereo` without a command: a built-in scene through camera, session and matcher.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, anyhow, ensure};
+use clap::{Args, ValueEnum};
+use vgstereo_core::camera::{Layout, LinePairSource, PixelFormat};
+use vgstereo_core::config::Config;
+use vgstereo_core::disparity::{DisparityRange, STEPS_PER_PX};
+use vgstereo_core::matcher::Matcher;
+use vgstereo_core::preset::Preset;
+use vgstereo_firmware::{Session, session};
+
+use super::{kib, milliseconds, percent, table};
+use crate::camera::SimulatedCamera;
+use crate::files::{make_folder, write_png};
+use crate::kernels::HostKernels;
+use crate::metrics::BadPixels;
+use crate::pictures::{colour_disparities, error_map};
+use crate::render::{RenderOptions, SIDE_MAX_PX, SIDE_MIN_PX, render};
+use crate::scene::Scene;
+use crate::sink::FrameCollector;
+
+/// The benchmark's usual threshold, px.
+const THRESHOLD_PX: f32 = 1.0;
+
+/// Arguments of the demo.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "The demo's scene and camera")]
+pub struct Demo {
+    /// Folder for the pictures.
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    out: PathBuf,
+    /// Width of the views, px.
+    #[arg(long, value_name = "PX", default_value_t = RenderOptions::default().width)]
+    width: u32,
+    /// Height of the views, px.
+    #[arg(long, value_name = "PX", default_value_t = RenderOptions::default().height)]
+    height: u32,
+    /// Largest disparity in the scene and in the search, px, at most half the width.
+    #[arg(long, value_name = "N", default_value_t = RenderOptions::default().d_max)]
+    d_max: u16,
+    /// Standard deviation of the sensors' noise, grey levels.
+    #[arg(long, value_name = "X", default_value_t = RenderOptions::default().noise)]
+    noise: f32,
+    /// Gain of the right camera relative to the left.
+    #[arg(long, value_name = "X", default_value_t = 1.1)]
+    gain: f32,
+    /// Black level of the right camera relative to the left, grey levels.
+    #[arg(
+        long,
+        value_name = "X",
+        default_value_t = 4.0,
+        allow_negative_numbers = true
+    )]
+    offset: f32,
+    /// How the two sensors share the wire.
+    #[arg(long, value_enum, default_value_t = Wire::Separate)]
+    layout: Wire,
+    /// Pixel format on the wire.
+    #[arg(long, value_enum, default_value_t = Pixels::Grey8)]
+    pixels: Pixels,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Wire {
+    /// A port per sensor.
+    Separate,
+    /// Left line and right line as one line of twice the width.
+    SideBySide,
+    /// Left line, then right line.
+    LineMultiplexed,
+    /// Left pixel, then right pixel.
+    PixelMultiplexed,
+}
+
+impl From<Wire> for Layout {
+    fn from(wire: Wire) -> Self {
+        match wire {
+            Wire::Separate => Self::Separate,
+            Wire::SideBySide => Self::SideBySide,
+            Wire::LineMultiplexed => Self::LineMultiplexed,
+            Wire::PixelMultiplexed => Self::PixelMultiplexed { phase: 0 },
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Pixels {
+    Grey8,
+    Rgb888,
+    Rgb565,
+    Yuv422,
+}
+
+impl From<Pixels> for PixelFormat {
+    fn from(pixels: Pixels) -> Self {
+        match pixels {
+            Pixels::Grey8 => Self::Grey8,
+            Pixels::Rgb888 => Self::Rgb888,
+            Pixels::Rgb565 => Self::Rgb565,
+            Pixels::Yuv422 => Self::Yuv422,
+        }
+    }
+}
+
+/// One preset's run.
+struct Run {
+    disparities_q4: Vec<i16>,
+    time: Duration,
+    working_bytes: usize,
+}
+
 impl Demo {
-    /// run
-    pub fn run(self) -> anyhow::Result<String> {
-        Ok(String::new())
+    /// Renders, matches with every preset, prints the table and writes the pictures.
+    ///
+    /// # Errors
+    /// One line that names the option or file and the reason.
+    pub fn run(self) -> Result<String> {
+        let sides = SIDE_MIN_PX..=SIDE_MAX_PX;
+        ensure!(
+            sides.contains(&self.width) && sides.contains(&self.height),
+            "--width and --height must be from {SIDE_MIN_PX} to {SIDE_MAX_PX} px"
+        );
+        ensure!(
+            self.d_max >= 1 && u32::from(self.d_max) <= self.width / 2,
+            "--d-max must be from 1 to half the width, {}",
+            self.width / 2
+        );
+        make_folder(&self.out)?;
+        let scene = render(&RenderOptions {
+            width: self.width,
+            height: self.height,
+            d_max: self.d_max,
+            noise: self.noise,
+            gain: self.gain,
+            offset: self.offset,
+            ..RenderOptions::default()
+        });
+        let truth = scene.truth.as_ref().context("the scene has its truth")?;
+        let mut table = table(
+            &[
+                "preset",
+                "nonocc",
+                "all",
+                "disc",
+                "average",
+                "KiB",
+                "latency lines",
+                "ms",
+            ],
+            1,
+        );
+        let mut last = Vec::new();
+        for preset in Preset::ALL {
+            let run = self.match_scene(&scene, preset)?;
+            let bad = BadPixels::measure(&run.disparities_q4, truth, THRESHOLD_PX);
+            table.add_row([
+                preset.name().to_owned(),
+                percent(bad.nonocc),
+                percent(bad.all),
+                percent(bad.disc),
+                percent(bad.average()),
+                kib(run.working_bytes),
+                preset.parameters().latency_lines().to_string(),
+                milliseconds(run.time),
+            ]);
+            last = run.disparities_q4;
+        }
+        let mut text = format!(
+            "built-in scene, {}x{} px, disparities 0 to {}, fed line by line\n\n{table}\n\
+             bad pixels in percent, further than {THRESHOLD_PX} px from the truth; KiB of working\n\
+             memory, line buffers included, for any height; ms on one thread\n\n",
+            self.width, self.height, scene.d_max
+        );
+        let exact: Vec<i16> = truth
+            .left_px
+            .iter()
+            // Within the range of disparities, and so of 1/16 px.
+            .map(|px| (px * f32::from(STEPS_PER_PX)).round() as i16)
+            .collect();
+        let range = DisparityRange::up_to(scene.d_max);
+        for (name, picture) in [
+            ("left.png", scene.left.clone()),
+            ("right.png", scene.right.clone()),
+            ("truth.png", colour_disparities(&exact, self.width, range)),
+            (
+                "disparity.png",
+                colour_disparities(&last, self.width, range),
+            ),
+            (
+                "error.png",
+                error_map(&last, self.width, truth, THRESHOLD_PX),
+            ),
+        ] {
+            let path = self.out.join(name);
+            write_png(&path, &picture.into())?;
+            writeln!(text, "wrote {}", path.display())?;
+        }
+        if let Some(preset) = Preset::ALL.last() {
+            writeln!(
+                text,
+                "disparity.png and error.png are of the preset {preset}"
+            )?;
+        }
+        Ok(text)
+    }
+
+    /// One frame from the simulated camera through the session.
+    fn match_scene(&self, scene: &Scene, preset: Preset) -> Result<Run> {
+        let (left, right) = (scene.left.clone(), scene.right.clone());
+        let mut camera = SimulatedCamera::new(left, right, self.layout.into(), self.pixels.into())?;
+        let geometry = camera.geometry();
+        let parameters = preset.parameters();
+        let config = Config::new(
+            parameters,
+            geometry.width,
+            DisparityRange::up_to(scene.d_max),
+        );
+        let mut matcher_memory = vec![0; config.memory_words()];
+        let mut line_memory = vec![0; session::memory_words(&geometry)];
+        let matcher = Matcher::new(&config, HostKernels::fastest(), &mut matcher_memory)?;
+        let mut sink = FrameCollector::new();
+        let started = Instant::now();
+        Session::new(&mut camera, matcher, &mut sink, &mut line_memory)?
+            .run_frame()
+            .map_err(|error| anyhow!("{error}"))?;
+        let time = started.elapsed();
+        let frame = sink.take_frame().context("the session finished a frame")?;
+        Ok(Run {
+            disparities_q4: frame.disparities_q4,
+            time,
+            working_bytes: (matcher_memory.len() + line_memory.len()) * size_of::<u32>(),
+        })
     }
 }

@@ -5,13 +5,14 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
+use image::ImageFormat;
 use vgstereo_core::config::Config;
 use vgstereo_core::disparity::{DisparityRange, Reference};
 use vgstereo_core::preset::Preset;
 
 use super::{Overrides, kib, milliseconds, parse_preset, width_of};
 use crate::disparity_files::DisparityFormat;
-use crate::files::{read_image, write_png};
+use crate::files::{encode, read_image, write_files};
 use crate::frame::{GreyPair, match_frame};
 use crate::grey::grey;
 use crate::kernels::HostKernels;
@@ -109,7 +110,12 @@ impl Match {
         };
         let matched = match_frame(&config, pair, HostKernels::fastest(), self.threads)?;
         let map = &matched.disparities_q4;
-        format.write(&self.out, map, width.into())?;
+        let mut files = vec![(self.out.as_path(), format.encode(map, width.into())?)];
+        if let Some(path) = &self.color {
+            let picture = colour_disparities(map, width.into(), disparities);
+            files.push((path, encode(&picture.into(), ImageFormat::Png)?));
+        }
+        write_files(&files)?;
         let mut text = format!(
             "{}: {}x{} px, disparities {} to {}, {} ms, {} KiB of working memory, {} lines of latency\n",
             self.preset,
@@ -121,10 +127,7 @@ impl Match {
             kib(matched.working_bytes),
             matched.latency_lines
         );
-        writeln!(text, "wrote {}", self.out.display())?;
-        if let Some(path) = &self.color {
-            let picture = colour_disparities(map, width.into(), disparities);
-            write_png(path, &picture.into())?;
+        for (path, _) in &files {
             writeln!(text, "wrote {}", path.display())?;
         }
         Ok(text)

@@ -19,18 +19,19 @@ pub mod sweep;
 /// Dense stereo matching with VG-RAM weightless neural networks, on the very core that
 /// firmware links.
 ///
-/// Without a command: the demo.
+/// Without a command: the demo. A built-in stereo scene is fed line by line through the
+/// camera trait and the firmware's session; the table and the pictures show what came out.
 #[derive(Debug, Parser)]
-#[command(name = "vgstereo", version)]
+#[command(name = "vgstereo", version, args_conflicts_with_subcommands = true)]
 pub struct CommandLine {
     #[command(subcommand)]
     command: Option<Command>,
+    #[command(flatten)]
+    demo: demo::Demo,
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Match a built-in scene, fed line by line as a camera would, and write pictures of it.
-    Demo(demo::Demo),
     /// Match a rectified pair of images and write its disparity map.
     Match(matching::Match),
     /// Measure presets on scenes with ground truth: percentages of bad pixels.
@@ -48,8 +49,7 @@ impl CommandLine {
     /// One line that says what is wrong with the input, or which file could not be written.
     pub fn run(self) -> Result<String> {
         match self.command {
-            None => demo::Demo::default().run(),
-            Some(Command::Demo(demo)) => demo.run(),
+            None => self.demo.run(),
             Some(Command::Match(matching)) => matching.run(),
             Some(Command::Eval(eval)) => eval.run(),
             Some(Command::Sweep(sweep)) => sweep.run(),

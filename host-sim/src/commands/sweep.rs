@@ -12,7 +12,7 @@ use vgstereo_core::preset::Preset;
 use super::eval::Prepared;
 use super::{Overrides, parse_preset, percent, progress_bar, table};
 use crate::dataset::find_scenes;
-use crate::files::write_file;
+use crate::files::write_files;
 
 /// Arguments of `vgstereo sweep`.
 #[derive(Debug, Args)]
@@ -114,7 +114,7 @@ impl Sweep {
         bar.finish_and_clear();
         if let Some(path) = &self.plot {
             let svg = plot(&points, &scenes).map_err(|e| anyhow!("cannot plot: {e}"))?;
-            write_file(path, svg.as_bytes())?;
+            write_files(&[(path, svg.into_bytes())])?;
         }
         if self.json {
             return Ok(serde_json::to_string(&Report { points })? + "\n");

@@ -1,0 +1,54 @@
+//! Whole frames of the built-in scene at the size of Middlebury's Teddy, per preset.
+//!
+//! `cargo bench --bench frames`
+
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use vgstereo_core::config::Config;
+use vgstereo_core::disparity::DisparityRange;
+use vgstereo_core::preset::Preset;
+use vgstereo_sim::frame::{GreyPair, match_frame};
+use vgstereo_sim::grey::grey;
+use vgstereo_sim::kernels::HostKernels;
+use vgstereo_sim::render::{RenderOptions, render};
+
+const WIDTH: u16 = 450;
+const HEIGHT: u16 = 375;
+const D_MAX: u16 = 59;
+
+fn frames(criterion: &mut Criterion) {
+    let scene = render(&RenderOptions {
+        width: WIDTH.into(),
+        height: HEIGHT.into(),
+        d_max: D_MAX,
+        ..RenderOptions::default()
+    });
+    let (left, right) = (grey(&scene.left), grey(&scene.right));
+    let pair = GreyPair {
+        left: &left,
+        right: &right,
+        width: WIDTH,
+    };
+    let mut group = criterion.benchmark_group("frame");
+    group.sample_size(20);
+    // One element is one pixel at one disparity.
+    group.throughput(Throughput::Elements(
+        u64::from(WIDTH) * u64::from(HEIGHT) * (u64::from(D_MAX) + 1),
+    ));
+    for preset in Preset::ALL {
+        let config = Config::new(preset.parameters(), WIDTH, DisparityRange::up_to(D_MAX));
+        let fastest = HostKernels::fastest();
+        let runs = HostKernels::available()
+            .into_iter()
+            .map(|k| (k, 1))
+            .chain([(fastest, 2)]);
+        for (kernels, threads) in runs {
+            let name = format!("{}/{threads} threads", kernels.name());
+            group.bench_function(BenchmarkId::new(preset.name(), name), |bencher| {
+                bencher.iter(|| match_frame(&config, pair, kernels, threads).unwrap());
+            });
+        }
+    }
+}
+
+criterion_group!(benches, frames);
+criterion_main!(benches);
