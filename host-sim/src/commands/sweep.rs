@@ -185,15 +185,18 @@ fn plot(points: &[Point], scenes: &[Prepared]) -> Result<String, Box<dyn std::er
             let sigmas = || own.iter().map(|point| f64::from(point.sigma));
             let low = errors().fold(f64::INFINITY, f64::min).min(100.0);
             let high = errors().fold(0.0, f64::max).max(low + 1.0);
+            // Room for the legend beside the curves.
             let widest = sigmas().fold(1.0, f64::max);
             let mut chart = ChartBuilder::on(panel)
                 .caption(&scene.scene.name, ("sans-serif", 18))
                 .margin(8)
                 .x_label_area_size(36)
                 .y_label_area_size(44)
-                .build_cartesian_2d(0.0..widest * 1.02, (low - 1.0).max(0.0)..high + 1.0)?;
+                .build_cartesian_2d(0.0..widest * 1.3, (low - 1.0).max(0.0)..high + 1.0)?;
             chart
                 .configure_mesh()
+                .light_line_style(TRANSPARENT)
+                .bold_line_style(BLACK.mix(0.12))
                 .x_desc("sigma, px")
                 .y_desc("bad pixels, %")
                 .draw()?;
