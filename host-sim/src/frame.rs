@@ -12,6 +12,9 @@ use vgstereo_core::refine::Refiner;
 
 use crate::kernels::HostKernels;
 
+/// Largest number of threads that match a frame; more are not started.
+pub const MAX_THREADS: usize = 256;
+
 /// A pair of grey views of the same size, row-major without gaps.
 #[derive(Debug, Clone, Copy)]
 pub struct GreyPair<'a> {
@@ -52,6 +55,8 @@ pub enum FrameError {
     Config(ConfigError),
     /// The pair does not fit the configuration.
     Push(PushError),
+    /// The system does not give this many threads.
+    Threads(usize),
 }
 
 impl std::fmt::Display for FrameError {
@@ -59,6 +64,7 @@ impl std::fmt::Display for FrameError {
         match self {
             Self::Config(error) => error.fmt(f),
             Self::Push(error) => error.fmt(f),
+            Self::Threads(threads) => write!(f, "cannot start {threads} threads"),
         }
     }
 }
@@ -77,7 +83,8 @@ impl From<PushError> for FrameError {
     }
 }
 
-/// Matches a frame with `threads` threads; the disparities do not depend on their number.
+/// Matches a frame with `threads` threads, at most [`MAX_THREADS`] and one per row; the
+/// disparities do not depend on their number.
 ///
 /// # Errors
 /// [`FrameError`] when the configuration is not valid or the pair has another width.
@@ -139,7 +146,10 @@ fn match_bands(
     let region = config.region;
     let end = region.y.saturating_add(region.height).min(lines);
     let start = region.y.min(end);
-    let height = (end - start).div_ceil(threads.max(1) as u32).max(1);
+    // More bands than rows would be empty, and `start..end` may be.
+    let most = usize::try_from(end - start).unwrap_or(usize::MAX).max(1);
+    let threads = threads.clamp(1, most.min(MAX_THREADS));
+    let height = (end - start).div_ceil(threads as u32).max(1);
     let bands: Vec<Range<u32>> = (start..end)
         .step_by(height as usize)
         .map(|y| y..(y + height).min(end))
@@ -147,7 +157,7 @@ fn match_bands(
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build()
-        .expect("threads can be started");
+        .map_err(|_| FrameError::Threads(threads))?;
     pool.install(|| {
         bands
             .into_par_iter()

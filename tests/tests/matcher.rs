@@ -226,7 +226,7 @@ fn threads_give_the_same_frame() {
         ] {
             config.region = region;
             let alone = pair.stream(&config, Portable);
-            for threads in [1, 2, 3, 64] {
+            for threads in [0, 1, 2, 3, 64, 100_000, usize::MAX] {
                 let matched = match_frame(&config, grey, HostKernels::fastest(), threads).unwrap();
                 assert_eq!(matched.disparities_q4, alone, "{preset}, {threads} threads");
             }
