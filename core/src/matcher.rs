@@ -130,12 +130,14 @@ impl<'m, K: Kernels> Matcher<'m, K> {
         if self.finishing {
             return Err(PushError::Finishing);
         }
-        self.lines_in = self
-            .lines_in
-            .checked_add(1)
-            .ok_or(PushError::TooManyLines)?;
-        let complete =
-            self.rows.push(left, right).is_some() && self.refiner.push(self.rows.candidates_px());
+        let pair = self.lines_in;
+        self.lines_in = pair.checked_add(1).ok_or(PushError::TooManyLines)?;
+        let complete = match self.rows.push(left, right) {
+            Some(_) => self.refiner.push(self.rows.candidates_px()),
+            // Below the region no row comes to push the last lines out: they are flushed,
+            // each when it is due.
+            None => self.region_is_matched() && self.is_due(pair) && self.refiner.flush(),
+        };
         Ok(if complete {
             Some(self.take_line())
         } else {
@@ -166,6 +168,18 @@ impl<'m, K: Kernels> Matcher<'m, K> {
         self.next_line = self.config.region.y;
         self.lines_in = 0;
         self.finishing = false;
+    }
+
+    /// Whether all rows of the region went to the refiner, and the frame goes on below.
+    fn region_is_matched(&self) -> bool {
+        let region = &self.config.region;
+        self.rows.next_row() >= region.y.saturating_add(region.height)
+    }
+
+    /// Whether the next line is at least the latency above `pair`.
+    fn is_due(&self, pair: u32) -> bool {
+        let latency = self.config.parameters.latency_lines();
+        pair >= self.next_line.saturating_add(latency)
     }
 
     fn take_line(&mut self) -> DisparityLine<'_> {

@@ -74,6 +74,38 @@ fn latency_is_as_stated() {
     }
 }
 
+/// A region that ends above the frame's end does not hold its last lines back.
+#[test]
+fn latency_is_as_stated_below_a_region() {
+    for (y, height) in [(0, 1), (3, 2), (2, 5), (0, 30), (9, 40), (59, 1)] {
+        let mut config = Config::new(
+            Preset::Paper.parameters().with_sigma(1.0),
+            24,
+            DisparityRange::up_to(9),
+        );
+        config.region = Region {
+            x: 4,
+            y,
+            width: 11,
+            height,
+        };
+        let latency = config.parameters.latency_lines();
+        let mut memory = vec![0; config.memory_words()];
+        let mut matcher = Matcher::new(&config, Portable, &mut memory).unwrap();
+        for pair in 0..60_u32 {
+            let line = matcher.push(&[9; 24], &[9; 24]).unwrap();
+            let expected = pair
+                .checked_sub(latency)
+                .filter(|&line| config.region.contains_line(line));
+            assert_eq!(line.map(|line| line.line), expected, "{y} {height}");
+        }
+        let held = (0..).take_while(|_| matcher.finish().is_some()).count() as u32;
+        let end = (y + height).min(60);
+        let first_held = 60 - latency;
+        assert_eq!(held, end.saturating_sub(first_held.max(y)), "{y} {height}");
+    }
+}
+
 #[test]
 fn frames_do_not_leak_into_each_other() {
     for preset in Preset::ALL {

@@ -97,6 +97,11 @@ impl<'m, K: Kernels> RowMatcher<'m, K> {
         self.next_row = 0;
     }
 
+    /// Lines of the frame whose rows are done, those outside the region too.
+    pub(crate) fn next_row(&self) -> u32 {
+        self.next_row
+    }
+
     /// Takes the next pair of lines, grey, `width` pixels each. When this completes a
     /// row inside the region of interest, gives its line in the frame; the row is then
     /// [`RowMatcher::candidates_px`].
