@@ -10,6 +10,7 @@ use vgstereo_core::matching::TieBreak;
 use vgstereo_core::minchinton::Word;
 use vgstereo_core::network::{DisparityNeuron, Network, Ties, Wiring};
 use vgstereo_core::synapse::{Support, Synapses};
+use vgstereo_core::view::View;
 use vgstereo_sim::kernels::HostKernels;
 use vgstereo_tests::{Pair, oracle};
 
@@ -170,6 +171,76 @@ proptest! {
             .collect();
         prop_assert_eq!(pair.stream(&Config { region, ..whole }, Portable), cropped);
     }
+}
+
+/// Each neuron looks through its own offsets: all have other ones here, chosen so that the
+/// patterns follow from the pixels of one line by hand.
+#[test]
+fn each_neuron_has_its_own_offsets() {
+    // Even synapses look `reach` to the right, odd ones at the neuron itself. In a view
+    // that rises to the right, cells of even synapses are 1 where the reach finds a
+    // greater pixel, and cells of odd ones are 0.
+    let (width, synapses) = (6_usize, 16);
+    let offsets: Vec<[i8; 2]> = (0..width)
+        .flat_map(|neuron| {
+            let reach = if neuron == 2 { 1 } else { 0 };
+            (0..synapses).map(move |r| [if r % 2 == 0 { reach } else { 0 }, 0])
+        })
+        .collect();
+    let wiring = Wiring::PerNeuron {
+        offsets: Synapses::from_stored(&offsets),
+        synapses,
+    };
+    let mut memory: Vec<DisparityNeuron<u32, 1, CAPACITY>> = Vec::new();
+    memory.resize_with(width, DisparityNeuron::new);
+    let mut network = Network::new(&mut memory, width, wiring).unwrap();
+    // The other view rises only from column 0 to 1, the reference everywhere.
+    let other = [1, 2, 0, 0, 0, 0];
+    let reference = [1, 2, 3, 4, 5, 6];
+    let view = |pixels| View::new(pixels, width, 1).unwrap();
+    network
+        .train(&view(&other), DisparityRange::up_to(5), Reference::Left)
+        .unwrap();
+    let mut map = [0; 6];
+    network
+        .test::<Pcg32>(&view(&reference), Ties::Lowest, &mut map)
+        .unwrap();
+    // Neuron 2 alone sees the rise and finds it at column 0; to the others all is flat.
+    assert_eq!(map, [0, 0, 2, 0, 0, 0]);
+}
+
+/// With random ties the network recalls each neuron in turn with the one generator.
+#[test]
+fn random_ties_of_the_network_are_even_and_reproducible() {
+    let (width, height) = (8_usize, 500);
+    let flat = vec![7; width * height];
+    let view = View::new(&flat, width, height).unwrap();
+    let mut memory: Vec<DisparityNeuron<u32, 1, CAPACITY>> = Vec::new();
+    memory.resize_with(width * height, DisparityNeuron::new);
+    let offsets = [[0; 2]; 16];
+    let wiring = Wiring::Shared(Synapses::from_stored(&offsets));
+    let mut network = Network::new(&mut memory, width, wiring).unwrap();
+    network
+        .train(&view, DisparityRange::up_to(3), Reference::Left)
+        .unwrap();
+    let test = |seed| {
+        let mut generator = Pcg32::seed_from_u64(seed);
+        let mut map = vec![0; width * height];
+        let ties = Ties::Random(&mut generator);
+        network.test(&view, ties, &mut map).unwrap();
+        map
+    };
+    let map = test(1);
+    assert_eq!(map, test(1));
+    assert_ne!(map, test(2));
+    // On a flat view all disparities tie: each of the four that fit comes as often.
+    let inner = map.chunks(width).flat_map(|line| &line[3..]);
+    let mut counts = [0_i32; 4];
+    for &disparity_px in inner {
+        counts[usize::try_from(disparity_px).unwrap()] += 1;
+    }
+    // Binomial, 2500 draws of p = 1/4: standard deviation 22.
+    assert!(counts.iter().all(|n| (n - 625).abs() < 110), "{counts:?}");
 }
 
 /// The sizes where mistakes hide, by name rather than by chance.
