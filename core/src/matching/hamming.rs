@@ -80,3 +80,64 @@ fn distances_block<const N: usize>(
     }
     totals
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand_core::{Rng, SeedableRng};
+    use rand_pcg::Pcg32;
+    use std::vec::Vec;
+
+    /// Against counting bits one pattern at a time, up to the longest pattern with every
+    /// cell different, and for counts that fill no whole block.
+    #[test]
+    fn distances_are_counts_of_differing_cells() {
+        const WIDTH: usize = 130;
+        const STRIDE: usize = WIDTH + PatternRow::SLACK;
+        for (seed, planes) in [(1, 2), (2, 15), (3, 16), (4, 17), (5, 128)] {
+            let mut random = Pcg32::seed_from_u64(seed);
+            let mut row = || -> Vec<u8> {
+                let bytes = 0..planes * STRIDE;
+                bytes.map(|_| random.next_u32() as u8).collect()
+            };
+            let (inputs, mut stored) = (row(), row());
+            for (input, stored) in inputs
+                .chunks_exact(STRIDE)
+                .zip(stored.chunks_exact_mut(STRIDE))
+            {
+                stored[7] = !input[0];
+            }
+            let of = |bytes, x: usize| -> Vec<u8> {
+                let planes = <[u8]>::chunks_exact(bytes, STRIDE);
+                planes.map(|plane| plane[x]).collect()
+            };
+            let borrowed = |bytes| Planes {
+                bytes,
+                stride: STRIDE,
+                count: planes,
+            };
+            for (x, first, count) in [(0, 7, 1), (3, 0, 16), (129, 5, 60), (64, 0, 130)] {
+                let mut found = std::vec![-1; usize::next_multiple_of(count, LANES)];
+                distances(
+                    borrowed(&inputs),
+                    x,
+                    borrowed(&stored),
+                    first,
+                    count,
+                    &mut found,
+                );
+                let input = of(&inputs, x);
+                for (i, &distance) in found.iter().enumerate() {
+                    let expected = if i < count {
+                        let other = of(&stored, first + i);
+                        let cells = input.iter().zip(&other);
+                        cells.map(|(a, b)| (a ^ b).count_ones() as i16).sum()
+                    } else {
+                        NO_DISTANCE
+                    };
+                    assert_eq!(distance, expected, "{planes} planes, {x}, {first}, {i}");
+                }
+            }
+        }
+    }
+}
