@@ -7,7 +7,18 @@ use clap::Parser;
 use vgstereo_sim::commands::CommandLine;
 
 fn main() -> ExitCode {
-    match CommandLine::parse().run() {
+    let command_line = match CommandLine::try_parse() {
+        Ok(command_line) => command_line,
+        // Help and version, asked for.
+        Err(error) if !error.use_stderr() => error.exit(),
+        Err(error) => {
+            let text = error.to_string();
+            // What is wrong comes first, then an empty line, hints and usage.
+            let wrong = text.split("\n\n").next().unwrap_or(&text);
+            return fail(wrong.trim_start_matches("error: "));
+        }
+    };
+    match command_line.run() {
         Ok(text) => match std::io::stdout().write_all(text.as_bytes()) {
             // The reader has seen enough.
             Err(error) if error.kind() == ErrorKind::BrokenPipe => ExitCode::SUCCESS,

@@ -97,6 +97,39 @@ fn fraction(image: &DynamicImage, value: u16) -> f64 {
     found.iter().filter(|&&v| v == value).count() as f64 / found.len() as f64
 }
 
+/// The main job: no command at all, here at a small size.
+#[test]
+fn the_demo_writes_its_pictures_and_says_so() {
+    let fixture = Fixture::new();
+    let size = ["--width", "96", "--height", "64", "--d-max", "12"];
+    for wire in ["separate", "pixel-multiplexed"] {
+        let outcome = fixture.run(&[&size[..], &["--layout", wire, "--out", wire]].concat());
+        assert_eq!((outcome.code, outcome.stderr.as_str()), (Some(0), ""));
+        for word in ["paper-raw", "paper ", "KiB", "latency lines", "ms"] {
+            assert!(
+                outcome.stdout.contains(word),
+                "{word:?} in {}",
+                outcome.stdout
+            );
+        }
+        for name in ["left", "right", "truth", "disparity", "error"] {
+            let path = format!("{wire}/{name}.png");
+            assert!(outcome.stdout.contains(&path), "{}", outcome.stdout);
+            let picture = image::open(fixture.path(&path)).unwrap();
+            assert_eq!((picture.width(), picture.height()), (96, 64));
+        }
+    }
+    // The wire changes nothing that is seen.
+    let disparities = |wire| fs::read(fixture.path(wire).join("disparity.png")).unwrap();
+    assert_eq!(disparities("separate"), disparities("pixel-multiplexed"));
+    fixture.refuses(&["--out", "left.png"], &["left.png"]);
+    fixture.refuses(&["--d-max", "241"], &["--d-max", "240"]);
+    fixture.refuses(&["--width", "15"], &["--width", "16"]);
+    for option in ["--noise", "--gain", "--offset"] {
+        fixture.refuses(&[option, "nan"], &[option]);
+    }
+}
+
 #[test]
 fn match_writes_every_format_and_the_colours() {
     let fixture = Fixture::new();
@@ -316,6 +349,18 @@ fn match_refuses_bad_input() {
         &["--color", "no/folder/c.png"],
         &["no/folder/c.png"],
     );
+    run(
+        "left.png",
+        "right.png",
+        &["--color", "colour.jpg"],
+        &["colour.jpg", ".png"],
+    );
+    run(
+        "left.png",
+        "right.png",
+        &["--color", "out.png"],
+        &["--out", "--color", "out.png"],
+    );
 }
 
 /// What clap itself refuses also ends with code 2.
@@ -344,11 +389,18 @@ fn unknown_words_are_refused() {
             "many",
         ],
         &["eval", ".", "--preset", "paper,,"],
+        // Larger than the option's type, but a width as well.
+        &[
+            "match",
+            "left.png",
+            "right.png",
+            "--out",
+            "a.png",
+            "--d-max",
+            "40000",
+        ],
     ] {
-        let outcome = fixture.run(arguments);
-        assert_eq!(outcome.code, Some(2), "{arguments:?}");
-        assert!(outcome.stderr.starts_with("error: "), "{}", outcome.stderr);
-        assert_eq!(fixture.files(), ["left.png", "right.png"]);
+        fixture.refuses(arguments, &["error: "]);
     }
     let unknown = fixture.run(&["sweep", ".", "--preset", "best"]);
     assert!(unknown.stderr.contains("paper-raw"), "{}", unknown.stderr);

@@ -129,6 +129,14 @@ impl Demo {
             "--d-max must be from 1 to half the width, {}",
             self.width / 2
         );
+        ensure!(
+            self.noise.is_finite() && self.noise >= 0.0,
+            "--noise must be a number from 0 on"
+        );
+        ensure!(
+            self.gain.is_finite() && self.gain > 0.0 && self.offset.is_finite(),
+            "--gain must be a number above 0, --offset any number"
+        );
         make_folder(&self.out)?;
         let scene = render(&RenderOptions {
             width: self.width,

@@ -80,6 +80,17 @@ impl Match {
     /// # Errors
     /// One line that names the file or option and the reason; nothing is written then.
     pub fn run(self) -> Result<String> {
+        if let Some(path) = &self.color {
+            let png = path
+                .extension()
+                .is_some_and(|e| e.eq_ignore_ascii_case("png"));
+            ensure!(png, "{}: the name must end in .png", path.display());
+            ensure!(
+                *path != self.out,
+                "--out and --color are both {}",
+                path.display()
+            );
+        }
         let left = read_image(&self.left)?.into_rgb8();
         let right = read_image(&self.right)?.into_rgb8();
         ensure!(
