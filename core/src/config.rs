@@ -13,6 +13,9 @@ use crate::synapse::{MAX_SIGMA_PX, MAX_SYNAPSES, Support, SynapseError};
 /// Largest number of candidates kept per pixel.
 pub const MAX_CANDIDATES: u8 = 16;
 
+/// Largest reach of the median, px.
+pub const MAX_MEDIAN_REACH_PX: u8 = 63;
+
 /// The method's parameters: all that a preset fixes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameters {
@@ -212,7 +215,7 @@ impl Config {
         if parameters.candidates == 0 || parameters.candidates > MAX_CANDIDATES {
             return Err(ConfigError::Candidates);
         }
-        if parameters.median_reach_px > 63 {
+        if parameters.median_reach_px > MAX_MEDIAN_REACH_PX {
             return Err(ConfigError::Median);
         }
         if !self.disparities.fits(self.width) {

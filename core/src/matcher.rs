@@ -9,6 +9,9 @@ use crate::memory::Arena;
 use crate::refine::Refiner;
 use crate::synapse::Synapses;
 
+/// Most lines of a frame: what a `u32` counts, less the latency of any configuration.
+pub const MAX_LINES: u32 = u32::MAX - (1 << 10);
+
 /// A line of disparities.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DisparityLine<'a> {
@@ -29,7 +32,7 @@ pub enum PushError {
     Width,
     /// The frame is being flushed: call `finish` until it gives `None`, or `reset`.
     Finishing,
-    /// The frame has `u32::MAX` lines already.
+    /// The frame has [`MAX_LINES`] lines already.
     TooManyLines,
 }
 
@@ -131,7 +134,10 @@ impl<'m, K: Kernels> Matcher<'m, K> {
             return Err(PushError::Finishing);
         }
         let pair = self.lines_in;
-        self.lines_in = pair.checked_add(1).ok_or(PushError::TooManyLines)?;
+        if pair == MAX_LINES {
+            return Err(PushError::TooManyLines);
+        }
+        self.lines_in = pair + 1;
         let complete = match self.rows.push(left, right) {
             Some(_) => self.refiner.push(self.rows.candidates_px()),
             // Below the region no row comes to push the last lines out: they are flushed,

@@ -14,7 +14,8 @@ pub const DEFAULT_SEED: u64 = 1;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Preset {
-    /// Section III of the paper exactly: 256 synapses, sigma 4, ties at random, nothing after.
+    /// Section III of the paper: 256 synapses, sigma 4, ties at random, nothing after; with
+    /// offsets shared by all neurons and drawn again beyond three sigma.
     PaperRaw,
     /// The same with the paper's vote filter and median.
     Paper,

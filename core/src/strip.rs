@@ -121,7 +121,7 @@ impl<'m> Strip<'m> {
     pub fn samples(&self, line: u32, offset: Offset, first: usize, count: usize) -> &[u8] {
         let dx = match self.order {
             Order::Columns => offset.dx,
-            Order::Mirrored => -offset.dx,
+            Order::Mirrored => offset.dx.saturating_neg(),
         };
         let newest = self.lines.saturating_sub(1);
         let line = line.saturating_add_signed(offset.dy.into()).min(newest);

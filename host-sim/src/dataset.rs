@@ -1,5 +1,6 @@
 //! Scenes from disk: one folder each, in the layout of the Middlebury pairs.
 
+use std::fmt::Display;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -26,6 +27,7 @@ pub fn find_scenes(folder: &Path, names: &[String]) -> Result<Vec<PathBuf>> {
     let entries =
         fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))?;
     if !names.is_empty() {
+        ensure_distinct("scene", names)?;
         let paths = names.iter().map(|name| folder.join(name));
         return paths
             .map(|path| {
@@ -54,6 +56,20 @@ pub fn find_scenes(folder: &Path, names: &[String]) -> Result<Vec<PathBuf>> {
     );
     scenes.sort();
     Ok(scenes)
+}
+
+/// Refuses a list that names something twice: it would count twice in every mean.
+///
+/// # Errors
+/// One line that names what is repeated.
+pub fn ensure_distinct<T: PartialEq + Display>(what: &str, list: &[T]) -> Result<()> {
+    for (index, item) in list.iter().enumerate() {
+        ensure!(
+            !list[..index].contains(item),
+            "{what} {item} is given twice"
+        );
+    }
+    Ok(())
 }
 
 /// Loads one scene: `left.png`, `right.png`, `gt_left.png` (8 or 16 bits, 0 = unknown),

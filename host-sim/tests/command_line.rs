@@ -548,6 +548,14 @@ fn eval_and_sweep_refuse_bad_folders() {
         &["sweep", "set", "--plot", "plot.png"],
         &["plot.png", ".svg"],
     );
+    for (twice, words) in [
+        (&["eval", "set", "a", "b", "a"][..], "scene a"),
+        (&["eval", "set", "--preset", "paper,paper"], "preset paper"),
+        (&["eval", "set", "--seeds", "1,2,1"], "seed 1"),
+        (&["sweep", "set", "--sigma", "4,2,4"], "sigma 4"),
+    ] {
+        fixture.refuses(twice, &[words, "twice"]);
+    }
     fixture.refuses(&["sweep", "set", "--synapses", "20"], &["synapses"]);
     for (file, bytes, words) in [
         (

@@ -10,7 +10,7 @@ use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::preset::Preset;
 
 use super::{Overrides, kib, parse_preset, percent, progress_bar, table, width_of};
-use crate::dataset::{find_scenes, load_scene};
+use crate::dataset::{ensure_distinct, find_scenes, load_scene};
 use crate::files::{make_folder, write_png};
 use crate::frame::{GreyPair, Matched, match_frame};
 use crate::grey::grey;
@@ -154,6 +154,8 @@ impl Eval {
         } else {
             self.preset.clone()
         };
+        ensure_distinct("preset", &presets)?;
+        ensure_distinct("seed", &self.seeds)?;
         let folders = find_scenes(&self.dir, &self.scenes)?;
         if let Some(out) = &self.out {
             make_folder(out)?;

@@ -11,7 +11,7 @@ use vgstereo_core::preset::Preset;
 
 use super::eval::Prepared;
 use super::{Overrides, parse_preset, percent, progress_bar, table};
-use crate::dataset::find_scenes;
+use crate::dataset::{ensure_distinct, find_scenes};
 use crate::files::write_files;
 
 /// Arguments of `vgstereo sweep`.
@@ -88,6 +88,8 @@ impl Sweep {
                 .is_some_and(|e| e.eq_ignore_ascii_case("svg"));
             ensure!(svg, "{}: the name must end in .svg", path.display());
         }
+        ensure_distinct("number of synapses", &self.synapses)?;
+        ensure_distinct("sigma", &self.sigma)?;
         let scenes: Vec<Prepared> = find_scenes(&self.dir, &self.scenes)?
             .iter()
             .map(|folder| Prepared::load(folder))
