@@ -2,12 +2,12 @@
 
 use core::fmt;
 
-use crate::disparity::{DisparityRange, Reference};
-use crate::matching::RowMatcher;
-use crate::matching::TieBreak;
-use crate::memory::OutOfMemory;
+use crate::camera::PixelFormat;
+use crate::disparity::{DisparityRange, MAX_MAGNITUDE_PX, Reference};
+use crate::matching::{RowMatcher, SurfaceMatcher, TieBreak};
+use crate::memory::{OutOfMemory, words};
 use crate::minchinton::SYNAPSE_STEP;
-use crate::refine::Refiner;
+use crate::refine::{Refiner, SurfaceRefiner};
 use crate::synapse::{MAX_SIGMA_PX, MAX_SYNAPSES, Support, SynapseError};
 
 /// Largest number of candidates kept per pixel.
@@ -21,12 +21,29 @@ pub const MAX_MEDIAN_REACH_PX: u8 = 63;
 pub struct Parameters {
     /// |W|: 16 to 1024, a multiple of 16.
     pub synapses: u16,
-    /// Standard deviation of the offsets, px, above 0 and at most 10.
-    pub sigma_px: f32,
+    /// Standard deviation of the offsets, px, above 0 and at most 10: of the first half of
+    /// the synapses and of the second.
+    pub sigmas_px: [f32; 2],
     /// Reach of the offsets; [`Support::three_sigma`] unless there is a reason.
     pub support: Support,
     /// Seed of the offsets.
     pub seed: u64,
+    /// What is made of the patterns.
+    pub method: Method,
+}
+
+/// What is made of the patterns.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Method {
+    /// The nearest pattern's disparity, as the paper has it.
+    Recall(Recall),
+    /// Distances as costs, aggregated, checked and filled.
+    Aggregation(Aggregation),
+}
+
+/// The paper's method and its post-processing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Recall {
     /// How ties are broken.
     pub ties: TieBreak,
     /// Candidates kept per pixel, 1 to 16; more than 1 only serves the vote.
@@ -37,11 +54,134 @@ pub struct Parameters {
     pub median_reach_px: u8,
 }
 
+/// Costs, their semi-global aggregation, and what follows it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Aggregation {
+    /// Whether colour is used where lines have it: for masks, differences of levels, vote
+    /// and weighted median. Patterns are of grey in any case.
+    pub colour: bool,
+    /// Share of a pixel's cells that count at least, 1/256: those whose samples are most
+    /// like the pixel itself. 256 counts all.
+    pub kept_cells_q8: u16,
+    /// Difference from the pixel, summed over red, green and blue, up to which a cell
+    /// always counts.
+    pub mask_floor: u8,
+    /// Cost of a pattern all of whose cells that count differ, at most 250.
+    pub hamming_scale: u8,
+    /// Largest cost of a pattern.
+    pub hamming_truncation: u8,
+    /// Cost of a difference of one level between the views, 1/16; 0 leaves levels out.
+    pub difference_weight_q4: u8,
+    /// Largest difference of levels that counts.
+    pub difference_truncation: u8,
+    /// Penalty of a step of one disparity along a path.
+    pub p1: u8,
+    /// Penalty of a larger step where the image is flat.
+    pub p2: u8,
+    /// Least penalty of a larger step.
+    pub p2_floor: u8,
+    /// How much the penalty falls per level of a step in the image, 1/16.
+    pub p2_adaptation_q4: u8,
+    /// Largest difference of the two views' disparities, px.
+    pub left_right_tolerance_px: u8,
+    /// Smallest margin between the best disparity's sum and the second best's.
+    pub margin: i16,
+    /// Vote on rejected pixels.
+    pub vote: Option<RegionVoteParameters>,
+    /// Weighted median, between two medians of 3 x 3; without it there is one.
+    pub weighted_median: Option<WeightedMedianParameters>,
+}
+
+/// Parameters of [`RegionVote`](crate::refine::RegionVote).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RegionVoteParameters {
+    /// Reach along the line, px, at most 127.
+    pub reach_x_px: u8,
+    /// Reach across lines, at most 15; as many lines of latency.
+    pub reach_y_px: u8,
+    /// Largest difference from the centre in any channel, in the nearer half of the reach.
+    pub near_step: u8,
+    /// The same in the farther half.
+    pub far_step: u8,
+    /// Votes must be more than this.
+    pub support_min: u8,
+    /// The winner's share of the votes must be more than this, percent.
+    pub share_min_percent: u8,
+}
+
+/// Parameters of [`WeightedMedian`](crate::refine::WeightedMedian).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WeightedMedianParameters {
+    /// Reach along the line, px, at most 30.
+    pub reach_x_px: u8,
+    /// Reach across lines, at most 7; as many lines of latency.
+    pub reach_y_px: u8,
+    /// Difference of colour, summed over red, green and blue, at which nothing weighs any
+    /// more: 4 to 48.
+    pub colour_reach: u8,
+}
+
+impl WeightedMedianParameters {
+    /// Offsets of the window's pixels from its centre, (columns, rows), row by row.
+    pub(crate) fn offsets(&self) -> impl Iterator<Item = (i32, i32)> + use<> {
+        let (reach_x, reach_y) = (i32::from(self.reach_x_px), i32::from(self.reach_y_px));
+        (-reach_y..=reach_y).flat_map(move |dy| (-reach_x..=reach_x).map(move |dx| (dx, dy)))
+    }
+
+    /// Weight of a pixel by its distance, 1/16: 20 at the centre, one less for each pixel
+    /// along and across, at least 1.
+    pub(crate) fn place_weight((dx, dy): (i32, i32)) -> u8 {
+        (20 - dx.abs() - dy.abs()).max(1) as u8
+    }
+
+    /// Pixels of the window, at most 363: their weights of at most 180 sum to 16 bits.
+    #[must_use]
+    pub const fn window(&self) -> usize {
+        (2 * self.reach_x_px as usize + 1) * (2 * self.reach_y_px as usize + 1)
+    }
+}
+
+impl Aggregation {
+    /// Whether the windows of the vote and of the weighted median are within their
+    /// bounds, and some cells are kept.
+    #[must_use]
+    pub const fn windows_fit(&self) -> bool {
+        let vote = match &self.vote {
+            Some(vote) => vote.reach_x_px <= 127 && vote.reach_y_px <= 15,
+            None => true,
+        };
+        let median = match &self.weighted_median {
+            Some(median) => {
+                median.reach_x_px <= 30
+                    && median.reach_y_px <= 7
+                    && median.window() <= 363
+                    && median.colour_reach >= 4
+                    && median.colour_reach <= 48
+            }
+            None => true,
+        };
+        vote && median && self.kept_cells_q8 > 0
+    }
+
+    /// Whether every path cost fits 8 bits: the largest matching cost and the largest
+    /// penalty together stay below what marks the end of the range.
+    #[must_use]
+    pub const fn fits(&self) -> bool {
+        let difference =
+            (self.difference_truncation as u32 * self.difference_weight_q4 as u32) >> 4;
+        let cost = self.hamming_truncation as u32 + difference;
+        cost + (self.p2 as u32) < 255
+            && self.hamming_scale <= 250
+            && self.p1 <= self.p2
+            && self.p2_floor <= self.p2
+    }
+}
+
 impl Parameters {
     /// The same parameters with another sigma and the support that goes with it.
     #[must_use]
     pub const fn with_sigma(mut self, sigma_px: f32) -> Self {
-        self.sigma_px = sigma_px;
+        self.sigmas_px = [sigma_px; 2];
         self.support = Support::three_sigma(sigma_px);
         self
     }
@@ -50,7 +190,9 @@ impl Parameters {
     #[must_use]
     pub const fn with_seed(mut self, seed: u64) -> Self {
         self.seed = seed;
-        self.ties = self.ties.with_seed(seed);
+        if let Method::Recall(recall) = &mut self.method {
+            recall.ties = recall.ties.with_seed(seed);
+        }
         self
     }
 
@@ -58,7 +200,27 @@ impl Parameters {
     /// `y + latency_lines` completes line `y`.
     #[must_use]
     pub const fn latency_lines(&self) -> u32 {
-        self.support.y_px as u32 + self.vote_passes as u32 + self.median_reach_px as u32
+        self.support.y_px as u32
+            + match &self.method {
+                Method::Recall(recall) => recall.vote_passes as u32 + recall.median_reach_px as u32,
+                Method::Aggregation(aggregation) => aggregation.refinement_lines(),
+            }
+    }
+}
+
+impl Aggregation {
+    /// Lines of latency of what follows the aggregation.
+    #[must_use]
+    pub const fn refinement_lines(&self) -> u32 {
+        let vote = match &self.vote {
+            Some(vote) => vote.reach_y_px as u32,
+            None => 0,
+        };
+        let medians = match &self.weighted_median {
+            Some(median) => median.reach_y_px as u32 + 2,
+            None => 1,
+        };
+        vote + medians
     }
 }
 
@@ -106,6 +268,8 @@ pub struct Config {
     pub disparities: DisparityRange,
     /// The view whose pixels get a disparity.
     pub reference: Reference,
+    /// How the pixels of a line are stored.
+    pub format: PixelFormat,
     /// The part of the reference view that gets disparities. Whole lines still go in:
     /// neurons near its edge look outside.
     pub region: Region,
@@ -123,6 +287,10 @@ pub enum ConfigError {
     Candidates,
     /// The median reaches further than 63 px.
     Median,
+    /// A cost and a penalty together do not fit 8 bits: see [`Aggregation::fits`].
+    Costs,
+    /// The window of the vote or of the weighted median is too large, or no cell is kept.
+    Windows,
     /// The disparities do not fit the width: see [`DisparityRange::fits`].
     Disparities,
     /// The region is empty or leaves the view.
@@ -140,6 +308,12 @@ impl fmt::Display for ConfigError {
             Self::Synapse(error) => error.fmt(f),
             Self::Candidates => f.write_str("the number of candidates must be 1 to 16"),
             Self::Median => f.write_str("the median may reach at most 63 px"),
+            Self::Costs => f.write_str(
+                "the largest cost and penalty must be below 255 together, the scale at most 250, P1 at most P2",
+            ),
+            Self::Windows => f.write_str(
+                "the vote may reach 127 px and 15 lines, the weighted median 30 px and 363 px in all, and some cells must be kept",
+            ),
             Self::Disparities => f.write_str(
                 "the disparities must be shorter than the line and at most 2047 px long",
             ),
@@ -172,16 +346,16 @@ impl Config {
             width,
             disparities,
             reference: Reference::Left,
+            format: PixelFormat::Grey8,
             region: Region::whole(width),
         }
     }
 
-    /// Words of 32 bits that [`Matcher::new`](crate::matcher::Matcher::new) takes; bytes are four
-    /// times as many. With `W` columns (region `w`), `D` disparities, |W| synapses `n`,
-    /// support `(X, Y)`, `k` candidates, `v` vote passes and median reach `m`, up to the
-    /// rounding of each part to words:
+    /// Words of 32 bits that [`Matcher::new`](crate::matcher::Matcher::new) takes; bytes
+    /// are four times as many. With `W` columns (region `w`), `D` disparities, |W| synapses
+    /// `n`, support `(X, Y)`, up to the rounding of each part to words:
     ///
-    /// | part | bytes |
+    /// | part of [`Recall`], `k` candidates, `v` vote passes, median reach `m` | bytes |
     /// |---|---|
     /// | offsets | `2 n` |
     /// | strips | `2 (2 Y + 1) (W + 2 X)` |
@@ -190,10 +364,36 @@ impl Config {
     /// | candidates | `2 k w` |
     /// | vote, if `v > 0` | `2 w ((v + 1) k + v + 2)` |
     /// | median, if `m > 0` | `2 w (2 m + 2) + 2 D` |
-    /// | output line | `2 w` |
+    /// | output line and confidences | `3 w` |
+    /// | grey lines, unless lines are grey | `2 W` |
+    ///
+    /// | part of [`Aggregation`], `D` rounded up to 16, `c` channels | bytes |
+    /// |---|---|
+    /// | costs and paths | `3 W D`, and `5 D` of scratch |
+    /// | best matches and checks | `17 W + 4 D` |
+    /// | offsets and patterns | `2 n + (2 W + D + 32) n / 8` |
+    /// | levels of the other view | `2 c (W + D)` |
+    /// | masks | `36 n` |
+    /// | strips | those of the patterns; with colour, three of the reference view as deep as the last stage looks back and three of `Y + 1` lines of the other |
+    /// | region vote, reach `(x, y)` | `4 W (2 y + 1) + 6 W + 2 D` |
+    /// | medians, weighted over `p` pixels of `2 y + 1` rows | `12 W + 2 (W + 2 x) (2 y + 1) + 17 p` |
+    /// | rows and confidences waiting | `2 W + W (lines of refinement + 1) + 3 w` |
     #[must_use]
     pub const fn memory_words(&self) -> usize {
-        RowMatcher::memory_words(self) + Refiner::memory_words(self)
+        match &self.parameters.method {
+            Method::Recall(recall) => {
+                let grey = if self.format.is_grey() {
+                    0
+                } else {
+                    2 * words(self.width as usize, 1)
+                };
+                grey + RowMatcher::memory_words(self, recall) + Refiner::memory_words(self, recall)
+            }
+            Method::Aggregation(aggregation) => {
+                SurfaceMatcher::memory_words(self, aggregation)
+                    + SurfaceRefiner::memory_words(self, aggregation)
+            }
+        }
     }
 
     /// Checks everything but the lent memory.
@@ -206,17 +406,35 @@ impl Config {
         if synapses == 0 || synapses % SYNAPSE_STEP != 0 || synapses > MAX_SYNAPSES {
             return Err(ConfigError::Synapses);
         }
-        if !(parameters.sigma_px > 0.0 && parameters.sigma_px <= MAX_SIGMA_PX) {
-            return Err(SynapseError::Sigma.into());
+        for sigma_px in parameters.sigmas_px {
+            if !(sigma_px > 0.0 && sigma_px <= MAX_SIGMA_PX) {
+                return Err(SynapseError::Sigma.into());
+            }
         }
         if !parameters.support.is_valid() {
             return Err(SynapseError::Support.into());
         }
-        if parameters.candidates == 0 || parameters.candidates > MAX_CANDIDATES {
-            return Err(ConfigError::Candidates);
-        }
-        if parameters.median_reach_px > MAX_MEDIAN_REACH_PX {
-            return Err(ConfigError::Median);
+        match &parameters.method {
+            Method::Recall(recall) => {
+                if recall.candidates == 0 || recall.candidates > MAX_CANDIDATES {
+                    return Err(ConfigError::Candidates);
+                }
+                if recall.median_reach_px > MAX_MEDIAN_REACH_PX {
+                    return Err(ConfigError::Median);
+                }
+            }
+            Method::Aggregation(aggregation) => {
+                // An index in 1/16 px must fit 16 bits.
+                if self.disparities.count > MAX_MAGNITUDE_PX as u16 + 1 {
+                    return Err(ConfigError::Disparities);
+                }
+                if !aggregation.fits() {
+                    return Err(ConfigError::Costs);
+                }
+                if !aggregation.windows_fit() {
+                    return Err(ConfigError::Windows);
+                }
+            }
         }
         if !self.disparities.fits(self.width) {
             return Err(ConfigError::Disparities);

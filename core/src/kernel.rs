@@ -5,12 +5,14 @@
 //! them. Other crates bring faster sets, for example the same bodies compiled for a
 //! wider instruction set that was found at run time, or a chip's own instructions.
 
-use crate::matching::{RowRecall, recall_row};
+use crate::aggregation::{AggregateRow, aggregate_row};
+use crate::matching::{CostRun, MaskBlock, RowRecall, cost_run, mask_block, recall_row};
 use crate::minchinton::CELLS_PER_BYTE;
+use crate::refine::{ArmsRow, WeightedMedianRow, arms_row, weighted_median_row};
 
 /// The inner loops of the pipeline. Provided methods are the reference; an override
 /// must give the same bits for every input.
-pub trait Kernels {
+pub trait Kernels: Copy {
     /// Forms eight Minchinton cells for each of a run of neurons: bit `k` of
     /// `packed[i]` is `samples[k][i] > samples[k + 1][i]`.
     ///
@@ -26,6 +28,41 @@ pub trait Kernels {
     fn recall_row(&self, row: &RowRecall<'_>, distances: &mut [i16], candidates_px: &mut [i16]) {
         recall_row(row, distances, candidates_px);
     }
+
+    /// Finds the cells that count of a block of pixels; see [`MaskBlock`].
+    #[inline]
+    fn mask_block(&self, block: &mut MaskBlock<'_>) {
+        mask_block(block);
+    }
+
+    /// Computes the matching costs of a run of pixels; see [`CostRun`].
+    #[inline]
+    fn cost_run(&self, row: &CostRun<'_>, costs: &mut [u8]) {
+        cost_run(row, costs);
+    }
+
+    /// Finds how far the surfaces of a line's pixels reach; see [`ArmsRow`].
+    #[inline]
+    fn arms_row(&self, row: &ArmsRow<'_>, scratch: &mut [u8], arms: &mut [i16]) {
+        arms_row(row, scratch, arms);
+    }
+
+    /// Filters a row by its weighted median; see [`WeightedMedianRow`].
+    #[inline]
+    fn weighted_median_row(
+        &self,
+        row: &WeightedMedianRow<'_>,
+        weights: &mut [u8],
+        output: &mut [i16],
+    ) {
+        weighted_median_row(row, weights, output);
+    }
+
+    /// Aggregates a row of costs and selects; see [`AggregateRow`].
+    #[inline]
+    fn aggregate_row(&self, row: &mut AggregateRow<'_>) {
+        aggregate_row(row);
+    }
 }
 
 /// The reference kernels.
@@ -33,17 +70,6 @@ pub trait Kernels {
 pub struct Portable;
 
 impl Kernels for Portable {}
-
-impl<K: Kernels + ?Sized> Kernels for &K {
-    #[inline]
-    fn pack_cells(&self, samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
-        (**self).pack_cells(samples, packed);
-    }
-    #[inline]
-    fn recall_row(&self, row: &RowRecall<'_>, distances: &mut [i16], candidates_px: &mut [i16]) {
-        (**self).recall_row(row, distances, candidates_px);
-    }
-}
 
 /// The reference of [`Kernels::pack_cells`], inlined so that a caller may compile it
 /// for its own instruction set.

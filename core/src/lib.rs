@@ -17,22 +17,35 @@
 //!
 //! ```text
 //!  camera      pair of lines, numbered, or what was lost        (camera)
-//!    |         grey lines                                       (camera::PixelFormat)
+//!    |         grey, and channels where there is colour         (camera::PixelFormat)
 //!    v
-//!  strip       the last 2 Y + 1 lines of each view, clamped     (strip)
+//!  strip       the newest lines of each view, clamped           (strip)
 //!    |         samples at the offsets of the synapses           (synapse)
 //!    v
 //!  patterns    one bit per pair of samples, one row per view    (minchinton)
 //!    |
+//!    +---------------------------+
+//!    v                           v
+//!  recall                      costs        Hamming distance over the cells on the
+//!    nearest pattern wins;     |            pixel's surface, and difference of levels
+//!    the k nearest are         |            in the other camera's exposure (matching)
+//!    candidates (matching)     v
+//!    |                         aggregation  left, right and down, one row of state;
+//!    |                         |            best, sub-pixel, margin     (aggregation)
+//!    |                         v
+//!    |                         check        the other view's best agrees, or not
+//!    v                         v
+//!  vote among neighbours,      vote of the surface, border, fill,          (refine)
+//!  median                      medians, weighted by colour
+//!    |                         |
+//!    +---------------------------+
 //!    v
-//!  recall      Hamming distance to each stored pattern,         (matching, kernel)
-//!    |         the nearest wins; the k nearest are candidates
-//!    v
-//!  refine      vote among neighbours, median                    (refine)
-//!    |
-//!    v
-//!  line        disparities in 1/16 px, or none                  (disparity)
+//!  line        disparities in 1/16 px, or none, with confidence (disparity, matcher)
 //! ```
+//!
+//! The left branch is the paper's, [`config::Recall`]; the right one is
+//! [`config::Aggregation`]. A [`preset::Preset`] says which, and with what parameters.
+//! Inner loops are [`kernel`]s: a plain reference each, and faster ones elsewhere.
 //!
 //! [`matcher::Matcher`] is all of it. It is built from a [`config::Config`]: the
 //! parameters of a [`preset::Preset`], the width, the disparities to search, the
@@ -87,6 +100,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod aggregation;
 pub mod camera;
 pub mod config;
 pub mod disparity;

@@ -226,6 +226,20 @@ impl<'m> PatternRow<'m> {
         }
     }
 
+    /// Repeats the first pattern of `count` before it and the last behind it, so that they
+    /// begin at position `front` of `positions` in all.
+    pub fn extend(&mut self, count: usize, front: usize, positions: usize) {
+        if count == 0 || front + count > positions || positions + Self::SLACK > self.stride {
+            return;
+        }
+        for plane in self.planes.chunks_exact_mut(self.stride) {
+            plane.copy_within(..count, front);
+            let (first, last) = (plane[front], plane[front + count - 1]);
+            plane[..front].fill(first);
+            plane[front + count..positions].fill(last);
+        }
+    }
+
     /// The planes, for a kernel.
     #[must_use]
     pub fn planes(&self) -> Planes<'_> {
@@ -246,6 +260,15 @@ pub struct Planes<'a> {
     pub stride: usize,
     /// Planes: bytes per pattern.
     pub count: usize,
+}
+
+impl Planes<'_> {
+    /// No pattern.
+    pub const NONE: Self = Self {
+        bytes: &[],
+        stride: 0,
+        count: 0,
+    };
 }
 
 #[cfg(test)]

@@ -3,7 +3,9 @@
 use core::fmt;
 use core::str::FromStr;
 
-use crate::config::Parameters;
+use crate::config::{
+    Aggregation, Method, Parameters, Recall, RegionVoteParameters, WeightedMedianParameters,
+};
 use crate::matching::TieBreak;
 use crate::synapse::Support;
 
@@ -19,6 +21,14 @@ pub enum Preset {
     PaperRaw,
     /// The same with the paper's vote filter and median.
     Paper,
+    /// Patterns of 32 cells as costs, aggregated, checked from both sides, plainly filled.
+    Lite,
+    /// 64 cells with masks; vote and weighted median fill.
+    Micro,
+    /// 256 cells.
+    Balanced,
+    /// 512 cells and the widest windows.
+    Quality,
 }
 
 /// No preset has this name.
@@ -40,7 +50,14 @@ impl core::error::Error for UnknownPreset {}
 
 impl Preset {
     /// All presets.
-    pub const ALL: [Self; 2] = [Self::PaperRaw, Self::Paper];
+    pub const ALL: [Self; 6] = [
+        Self::PaperRaw,
+        Self::Paper,
+        Self::Lite,
+        Self::Micro,
+        Self::Balanced,
+        Self::Quality,
+    ];
 
     /// The preset's name, as [`FromStr`] reads it.
     #[must_use]
@@ -48,6 +65,10 @@ impl Preset {
         match self {
             Self::PaperRaw => "paper-raw",
             Self::Paper => "paper",
+            Self::Lite => "lite",
+            Self::Micro => "micro",
+            Self::Balanced => "balanced",
+            Self::Quality => "quality",
         }
     }
 
@@ -57,32 +78,148 @@ impl Preset {
         match self {
             Self::PaperRaw => "the paper's network alone, ties at random",
             Self::Paper => "the paper's network, vote filter and median",
+            Self::Lite => "32 cells, aggregated, checked, plain fill and median",
+            Self::Micro => "64 cells, masked, aggregated, vote and weighted median",
+            Self::Balanced => "the same with 256 cells and wider windows",
+            Self::Quality => "the same with 512 cells and the widest windows",
         }
     }
 
     /// The preset's parameters.
     #[must_use]
     pub const fn parameters(self) -> Parameters {
-        const SIGMA_PX: f32 = 4.0;
-        let raw = Parameters {
-            synapses: 256,
-            sigma_px: SIGMA_PX,
-            support: Support::three_sigma(SIGMA_PX),
-            seed: DEFAULT_SEED,
-            ties: TieBreak::Random { seed: DEFAULT_SEED },
-            candidates: 1,
-            vote_passes: 0,
-            median_reach_px: 0,
-        };
         match self {
-            Self::PaperRaw => raw,
-            Self::Paper => Parameters {
+            Self::PaperRaw => paper(RAW),
+            Self::Paper => paper(Recall {
                 candidates: 6,
                 vote_passes: 5,
                 median_reach_px: 3,
-                ..raw
-            },
+                ..RAW
+            }),
+            Self::Lite => LITE,
+            Self::Micro => MICRO,
+            Self::Balanced => BALANCED,
+            Self::Quality => QUALITY,
         }
+    }
+}
+
+const RAW: Recall = Recall {
+    ties: TieBreak::Random { seed: DEFAULT_SEED },
+    candidates: 1,
+    vote_passes: 0,
+    median_reach_px: 0,
+};
+
+const fn paper(recall: Recall) -> Parameters {
+    const SIGMA_PX: f32 = 4.0;
+    Parameters {
+        synapses: 256,
+        sigmas_px: [SIGMA_PX; 2],
+        support: Support::three_sigma(SIGMA_PX),
+        seed: DEFAULT_SEED,
+        method: Method::Recall(recall),
+    }
+}
+
+/// What the aggregating presets share.
+const AGGREGATION: Aggregation = Aggregation {
+    colour: true,
+    kept_cells_q8: 103,
+    mask_floor: 20,
+    hamming_scale: 96,
+    hamming_truncation: 32,
+    difference_weight_q4: 24,
+    difference_truncation: 30,
+    p1: 16,
+    p2: 85,
+    p2_floor: 15,
+    p2_adaptation_q4: 16,
+    left_right_tolerance_px: 1,
+    margin: 24,
+    vote: None,
+    weighted_median: None,
+};
+
+const LITE: Parameters = Parameters {
+    synapses: 32,
+    sigmas_px: [2.5, 1.5],
+    support: Support { x_px: 8, y_px: 6 },
+    seed: DEFAULT_SEED,
+    method: Method::Aggregation(Aggregation {
+        colour: false,
+        kept_cells_q8: 256,
+        hamming_truncation: 48,
+        p1: 18,
+        p2: 105,
+        p2_floor: 20,
+        margin: 20,
+        ..AGGREGATION
+    }),
+};
+
+const MICRO: Parameters = Parameters {
+    synapses: 64,
+    sigmas_px: [3.0, 1.3],
+    support: Support { x_px: 10, y_px: 3 },
+    seed: DEFAULT_SEED,
+    method: Method::Aggregation(Aggregation {
+        vote: Some(region_vote(4)),
+        weighted_median: Some(weighted_median(14, 2)),
+        ..AGGREGATION
+    }),
+};
+
+const BALANCED: Parameters = Parameters {
+    synapses: 256,
+    sigmas_px: [5.0, 1.2],
+    support: Support { x_px: 10, y_px: 6 },
+    seed: DEFAULT_SEED,
+    method: Method::Aggregation(Aggregation {
+        kept_cells_q8: 77,
+        hamming_truncation: 36,
+        p1: 14,
+        p2: 100,
+        margin: 30,
+        vote: Some(region_vote(6)),
+        weighted_median: Some(weighted_median(16, 2)),
+        ..AGGREGATION
+    }),
+};
+
+const QUALITY: Parameters = Parameters {
+    synapses: 512,
+    sigmas_px: [5.0, 1.2],
+    support: Support { x_px: 10, y_px: 8 },
+    seed: DEFAULT_SEED,
+    method: Method::Aggregation(Aggregation {
+        kept_cells_q8: 64,
+        hamming_truncation: 40,
+        p1: 14,
+        p2: 105,
+        margin: 30,
+        vote: Some(region_vote(10)),
+        weighted_median: Some(weighted_median(22, 3)),
+        ..AGGREGATION
+    }),
+};
+
+const fn region_vote(reach_y_px: u8) -> RegionVoteParameters {
+    RegionVoteParameters {
+        reach_x_px: 25,
+        reach_y_px,
+        near_step: 30,
+        far_step: 6,
+        support_min: 5,
+        share_min_percent: 40,
+    }
+}
+
+const fn weighted_median(reach_x_px: u8, reach_y_px: u8) -> WeightedMedianParameters {
+    WeightedMedianParameters {
+        reach_x_px,
+        reach_y_px,
+        colour_reach: 48,
     }
 }
 

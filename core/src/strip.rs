@@ -17,49 +17,50 @@ pub enum Order {
     Mirrored,
 }
 
-/// The newest `2 * support.y_px + 1` lines of one view.
+/// The newest lines of one view: at least the `2 * support.y_px + 1` that a row of neurons looks at.
 #[derive(Debug)]
 pub struct Strip<'m> {
     pixels: &'m mut [u8],
     width: usize,
     stride: usize,
-    support: Support,
+    depth: usize,
+    padding: usize,
     order: Order,
     lines: u32,
 }
 
 impl<'m> Strip<'m> {
-    /// Lines kept.
+    /// Lines that neurons of this support look at.
     #[must_use]
     pub const fn depth(support: Support) -> usize {
         2 * support.y_px as usize + 1
     }
 
-    /// Words of memory: `(2 y + 1)` lines of `width + 2 x` bytes.
+    /// Words of memory: `depth` lines of `width + 2 padding` bytes.
     #[must_use]
-    pub const fn memory_words(width: usize, support: Support) -> usize {
-        words(
-            Self::depth(support) * (width + 2 * support.x_px as usize),
-            1,
-        )
+    pub const fn memory_words(width: usize, padding: usize, depth: usize) -> usize {
+        words(depth * (width + 2 * padding), 1)
     }
 
-    /// An empty strip for lines of `width` pixels.
+    /// An empty strip for `depth` lines of `width` pixels, each with `padding` copies of
+    /// its first and last pixel.
     ///
     /// # Errors
     /// [`OutOfMemory`] when the arena has fewer than [`Strip::memory_words`] left.
     pub fn new(
         width: usize,
-        support: Support,
+        padding: usize,
+        depth: usize,
         order: Order,
         arena: &mut Arena<'m>,
     ) -> Result<Self, OutOfMemory> {
-        let stride = width + 2 * usize::from(support.x_px);
+        let stride = width + 2 * padding;
         Ok(Self {
-            pixels: arena.take(Self::depth(support) * stride)?,
+            pixels: arena.take(depth * stride)?,
             width,
             stride,
-            support,
+            depth,
+            padding,
             order,
             lines: 0,
         })
@@ -80,7 +81,6 @@ impl<'m> Strip<'m> {
     /// shorter one the last pixel is repeated. An empty one repeats black.
     pub fn push(&mut self, line: &[u8]) {
         let start = self.slot(self.lines) * self.stride;
-        let padding = usize::from(self.support.x_px);
         self.lines += 1;
         let Some(stored) = self.pixels.get_mut(start..start + self.stride) else {
             return;
@@ -88,7 +88,7 @@ impl<'m> Strip<'m> {
         let line = line.get(..self.width).unwrap_or(line);
         let first = line.first().copied().unwrap_or(0);
         let last = line.last().copied().unwrap_or(0);
-        let (before, rest) = stored.split_at_mut(padding);
+        let (before, rest) = stored.split_at_mut(self.padding);
         let (inside, after) = rest.split_at_mut(self.width);
         let missing = self.width - line.len();
         match self.order {
@@ -114,8 +114,8 @@ impl<'m> Strip<'m> {
     /// The samples of `count` neighbouring neurons of line `line` that one synapse sees,
     /// from stored position `first` on, in stored order.
     ///
-    /// `line` must be at most `support.y_px` lines from the newest one, or the frame
-    /// ended: lines after the newest are the newest. Empty when the offset leaves the
+    /// The line that is looked at must be among the newest `depth`; lines after the
+    /// newest are the newest. Empty when the offset leaves the
     /// support, the neurons leave the line, or nothing was pushed.
     #[must_use]
     pub fn samples(&self, line: u32, offset: Offset, first: usize, count: usize) -> &[u8] {
@@ -123,11 +123,19 @@ impl<'m> Strip<'m> {
             Order::Columns => offset.dx,
             Order::Mirrored => offset.dx.saturating_neg(),
         };
-        let newest = self.lines.saturating_sub(1);
-        let line = line.saturating_add_signed(offset.dy.into()).min(newest);
+        let line = line.saturating_add_signed(offset.dy.into());
+        // Positions are below the width, which fits 16 bits.
+        self.run(line, first as isize + isize::from(dx), count)
+    }
+
+    /// `count` pixels of a line from stored position `from` on, which may lie in the
+    /// padding; else as [`Strip::samples`].
+    #[must_use]
+    #[inline]
+    pub fn run(&self, line: u32, from: isize, count: usize) -> &[u8] {
+        let line = line.min(self.lines.saturating_sub(1));
         let start = self.slot(line) * self.stride;
-        let Some(from) = (usize::from(self.support.x_px) + first).checked_add_signed(dx.into())
-        else {
+        let Some(from) = self.padding.checked_add_signed(from) else {
             return &[];
         };
         self.pixels
@@ -136,9 +144,15 @@ impl<'m> Strip<'m> {
             .unwrap_or_default()
     }
 
+    /// A line, in stored order; see [`Strip::samples`].
+    #[must_use]
+    pub fn row(&self, line: u32) -> &[u8] {
+        self.run(line, 0, self.width)
+    }
+
     /// Once per line, not per pixel.
     fn slot(&self, line: u32) -> usize {
-        line as usize % Self::depth(self.support)
+        line as usize % self.depth.max(1)
     }
 }
 
@@ -164,8 +178,12 @@ mod tests {
             let support = Support { x_px, y_px };
             for order in [Order::Columns, Order::Mirrored] {
                 let mut block = [0; 4096];
-                let mut arena = Arena::new(&mut block[..Strip::memory_words(width, support)]);
-                let mut strip = Strip::new(width, support, order, &mut arena).unwrap();
+                let mut arena = Arena::new(
+                    &mut block[..Strip::memory_words(width, x_px.into(), Strip::depth(support))],
+                );
+                let mut strip =
+                    Strip::new(width, x_px.into(), Strip::depth(support), order, &mut arena)
+                        .unwrap();
                 assert_eq!(arena.free_words(), 0);
                 let check = |strip: &Strip<'_>, y: usize| {
                     for dy in -(y_px as i8)..=y_px as i8 {
@@ -200,10 +218,9 @@ mod tests {
 
     #[test]
     fn short_lines_are_filled_and_bad_requests_are_empty() {
-        let support = Support::square(1);
         for order in [Order::Columns, Order::Mirrored] {
             let mut block = [0; 16];
-            let mut strip = Strip::new(4, support, order, &mut Arena::new(&mut block)).unwrap();
+            let mut strip = Strip::new(4, 1, 3, order, &mut Arena::new(&mut block)).unwrap();
             strip.push(&[1, 2]);
             let row = strip.samples(0, Offset { dx: 0, dy: 0 }, 0, 4);
             match order {

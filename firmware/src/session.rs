@@ -7,7 +7,7 @@
 
 use core::fmt;
 
-use vgstereo_core::camera::{Error, ErrorKind, Geometry, LinePair, LinePairSource};
+use vgstereo_core::camera::{Error, ErrorKind, Geometry, LinePair, LinePairSource, PixelFormat};
 use vgstereo_core::config::Region;
 use vgstereo_core::kernel::Kernels;
 use vgstereo_core::matcher::{Matcher, PushError};
@@ -20,17 +20,10 @@ use crate::sink::{DisparitySink, FrameInfo};
 pub const ATTEMPT_FRAMES: u32 = 4;
 
 /// Words of 32 bits that [`Session::new`] takes, besides the matcher's own: two lines as
-/// the camera delivers them and, unless they are grey already, two grey ones. Bytes:
-/// `2 W (b + 1)` for `W` columns of `b` bytes, or `2 W` for grey, each line rounded up to
-/// words.
+/// the camera delivers them, each rounded up to words.
 #[must_use]
 pub const fn memory_words(geometry: &Geometry) -> usize {
-    let grey_bytes = if geometry.format.is_grey() {
-        0
-    } else {
-        geometry.width as usize
-    };
-    2 * words(geometry.line_bytes(), 1) + 2 * words(grey_bytes, 1)
+    2 * words(geometry.line_bytes(), 1)
 }
 
 /// Why a session is refused.
@@ -43,6 +36,13 @@ pub enum SessionError {
         camera_px: u16,
         /// Pixels of the lines that the matcher is configured for.
         matcher_px: u16,
+    },
+    /// The camera's lines and the matcher's differ in how pixels are stored.
+    Format {
+        /// Of the camera's lines.
+        camera: PixelFormat,
+        /// Of the lines that the matcher is configured for.
+        matcher: PixelFormat,
     },
     /// The camera's frames end above the first line of the matcher's region.
     Height {
@@ -64,6 +64,10 @@ impl fmt::Display for SessionError {
             } => write!(
                 f,
                 "the camera's lines have {camera_px} px, the matcher's {matcher_px} px"
+            ),
+            Self::Format { camera, matcher } => write!(
+                f,
+                "the camera's pixels are {camera:?}, the matcher's {matcher:?}"
             ),
             Self::Height {
                 camera_lines,
@@ -285,8 +289,6 @@ pub struct Session<'m, C, K, S> {
     geometry: Geometry,
     left: &'m mut [u8],
     right: &'m mut [u8],
-    grey_left: &'m mut [u8],
-    grey_right: &'m mut [u8],
     state: State,
     next_frame: NextFrame,
     statistics: Statistics,
@@ -313,6 +315,12 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink> Session<'m, C, K, S> {
                 matcher_px: config.width,
             });
         }
+        if geometry.format != config.format {
+            return Err(SessionError::Format {
+                camera: geometry.format,
+                matcher: config.format,
+            });
+        }
         if geometry.height <= config.region.y {
             return Err(SessionError::Height {
                 camera_lines: geometry.height,
@@ -321,11 +329,6 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink> Session<'m, C, K, S> {
         }
         let mut arena = Arena::new(memory);
         let line_bytes = geometry.line_bytes();
-        let grey_bytes = if geometry.format.is_grey() {
-            0
-        } else {
-            usize::from(geometry.width)
-        };
         matcher.reset();
         Ok(Self {
             camera,
@@ -334,8 +337,6 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink> Session<'m, C, K, S> {
             geometry,
             left: arena.take(line_bytes)?,
             right: arena.take(line_bytes)?,
-            grey_left: arena.take(grey_bytes)?,
-            grey_right: arena.take(grey_bytes)?,
             state: State::Searching,
             next_frame: NextFrame(None),
             statistics: Statistics::default(),
@@ -479,16 +480,8 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink> Session<'m, C, K, S> {
     fn match_pair(&mut self, info: FrameInfo, line: u32) -> Result<Event, S::Error> {
         let next_line = line.saturating_add(1);
         self.state = State::Reading { info, next_line };
-        let format = self.geometry.format;
-        let (left, right) = if format.is_grey() {
-            (&*self.left, &*self.right)
-        } else {
-            format.luma(self.left, self.grey_left);
-            format.luma(self.right, self.grey_right);
-            (&*self.grey_left, &*self.grey_right)
-        };
         count(&mut self.statistics.lines, 1);
-        let given = match self.matcher.push(left, right) {
+        let given = match self.matcher.push(self.left, self.right) {
             Ok(Some(disparities)) => self.sink.line(info.frame, &disparities),
             Ok(None) => Ok(()),
             Err(error) => return Ok(self.lose(Fault::Matcher(error))),
@@ -553,7 +546,6 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink> Session<'m, C, K, S> {
 mod tests {
     use super::*;
     use std::string::ToString;
-    use vgstereo_core::camera::PixelFormat;
 
     #[test]
     fn memory_of_the_line_buffers() {
@@ -565,10 +557,10 @@ mod tests {
             })
         };
         assert_eq!(words(320, PixelFormat::Grey8) * 4, 2 * 320);
-        assert_eq!(words(320, PixelFormat::Yuv422) * 4, 2 * 320 * 3);
-        assert_eq!(words(320, PixelFormat::Rgb888) * 4, 2 * 320 * 4);
-        // 3 x 33 and 33 bytes, each rounded up to words.
-        assert_eq!(words(33, PixelFormat::Rgb888) * 4, 2 * (100 + 36));
+        assert_eq!(words(320, PixelFormat::Yuv422) * 4, 2 * 320 * 2);
+        assert_eq!(words(320, PixelFormat::Rgb888) * 4, 2 * 320 * 3);
+        // 3 x 33 bytes, rounded up to words.
+        assert_eq!(words(33, PixelFormat::Rgb888) * 4, 2 * 100);
     }
 
     #[test]
@@ -620,5 +612,11 @@ mod tests {
         });
         let text = error.to_string();
         assert!(text.contains("320 px") && text.contains("640 px"), "{text}");
+        let error = SessionError::Format {
+            camera: PixelFormat::Rgb565,
+            matcher: PixelFormat::Grey8,
+        };
+        let text = error.to_string();
+        assert!(text.contains("Rgb565") && text.contains("Grey8"), "{text}");
     }
 }

@@ -3,13 +3,13 @@
 //! `cargo bench --bench frames`
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use vgstereo_core::config::Config;
+use vgstereo_core::config::{Config, Method};
 use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::preset::Preset;
-use vgstereo_sim::frame::{GreyPair, match_frame};
-use vgstereo_sim::grey::grey;
+use vgstereo_sim::frame::match_frame;
 use vgstereo_sim::kernels::HostKernels;
 use vgstereo_sim::render::{RenderOptions, render};
+use vgstereo_sim::views::Views;
 
 const WIDTH: u16 = 450;
 const HEIGHT: u16 = 375;
@@ -22,11 +22,8 @@ fn frames(criterion: &mut Criterion) {
         d_max: D_MAX,
         ..RenderOptions::default()
     });
-    let (left, right) = (grey(&scene.left), grey(&scene.right));
-    let pair = GreyPair {
-        left: &left,
-        right: &right,
-        width: WIDTH,
+    let Some(views) = Views::new(&scene.left, &scene.right, false) else {
+        return;
     };
     let mut group = criterion.benchmark_group("frame");
     group.sample_size(20);
@@ -35,16 +32,21 @@ fn frames(criterion: &mut Criterion) {
         u64::from(WIDTH) * u64::from(HEIGHT) * (u64::from(D_MAX) + 1),
     ));
     for preset in Preset::ALL {
-        let config = Config::new(preset.parameters(), WIDTH, DisparityRange::up_to(D_MAX));
+        let config = Config {
+            format: views.format,
+            ..Config::new(preset.parameters(), WIDTH, DisparityRange::up_to(D_MAX))
+        };
+        // Only the paper's method is parallel.
+        let parallel = matches!(config.parameters.method, Method::Recall(_));
         let fastest = HostKernels::fastest();
         let runs = HostKernels::available()
             .into_iter()
             .map(|k| (k, 1))
-            .chain([(fastest, 2)]);
+            .chain(parallel.then_some((fastest, 2)));
         for (kernels, threads) in runs {
             let name = format!("{}/{threads} threads", kernels.name());
             group.bench_function(BenchmarkId::new(preset.name(), name), |bencher| {
-                bencher.iter(|| match_frame(&config, pair, kernels, threads).unwrap());
+                bencher.iter(|| match_frame(&config, &views, kernels, threads).unwrap());
             });
         }
     }

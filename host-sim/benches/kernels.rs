@@ -23,10 +23,11 @@ fn with_strip(count: usize, measure: impl FnOnce(&Strip<'_>, &Synapses<'_>)) {
     let support = Support::three_sigma(SIGMA_PX);
     let mut stored = vec![[0; 2]; count];
     let synapses = Synapses::draw(&mut stored, SIGMA_PX, support, &mut random).unwrap();
-    let mut memory = vec![0; Strip::memory_words(WIDTH, support)];
-    let mut strip =
-        Strip::new(WIDTH, support, Order::Columns, &mut Arena::new(&mut memory)).unwrap();
-    for _ in 0..Strip::depth(support) {
+    let (padding, depth) = (support.x_px.into(), Strip::depth(support));
+    let mut memory = vec![0; Strip::memory_words(WIDTH, padding, depth)];
+    let mut arena = Arena::new(&mut memory);
+    let mut strip = Strip::new(WIDTH, padding, depth, Order::Columns, &mut arena).unwrap();
+    for _ in 0..depth {
         let line: Vec<u8> = (0..WIDTH).map(|_| random.next_u32() as u8).collect();
         strip.push(&line);
     }

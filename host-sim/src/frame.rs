@@ -4,36 +4,17 @@ use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
-use vgstereo_core::config::{Config, ConfigError, Region};
+use vgstereo_core::config::{Config, ConfigError, Method, Recall, Region};
 use vgstereo_core::matcher::{Matcher, PushError};
 use vgstereo_core::matching::RowMatcher;
 use vgstereo_core::memory::Arena;
 use vgstereo_core::refine::Refiner;
 
 use crate::kernels::HostKernels;
+use crate::views::Views;
 
 /// Largest number of threads that match a frame; more are not started.
 pub const MAX_THREADS: usize = 256;
-
-/// A pair of grey views of the same size, row-major without gaps.
-#[derive(Debug, Clone, Copy)]
-pub struct GreyPair<'a> {
-    /// Left view.
-    pub left: &'a [u8],
-    /// Right view.
-    pub right: &'a [u8],
-    /// Columns, px.
-    pub width: u16,
-}
-
-impl<'a> GreyPair<'a> {
-    fn lines(&self) -> impl Iterator<Item = (&'a [u8], &'a [u8])> + use<'a> {
-        let width = usize::from(self.width).max(1);
-        self.left
-            .chunks_exact(width)
-            .zip(self.right.chunks_exact(width))
-    }
-}
 
 /// What matching a frame gave and took.
 #[derive(Debug, Clone)]
@@ -84,46 +65,51 @@ impl From<PushError> for FrameError {
 }
 
 /// Matches a frame with `threads` threads, at most [`MAX_THREADS`] and one per row; the
-/// disparities do not depend on their number.
+/// disparities do not depend on their number. Only the paper's method is parallel: what
+/// aggregates needs the rows above.
 ///
 /// # Errors
-/// [`FrameError`] when the configuration is not valid or the pair has another width.
+/// [`FrameError`] when the configuration is not valid or the views do not fit it.
 pub fn match_frame(
     config: &Config,
-    pair: GreyPair<'_>,
+    views: &Views,
     kernels: HostKernels,
     threads: usize,
 ) -> Result<Matched, FrameError> {
     config.validate()?;
+    if (views.width, views.format) != (config.width, config.format) {
+        return Err(PushError::Width.into());
+    }
     let mut memory = vec![0; config.memory_words()];
     let mut disparities_q4 = Vec::new();
     let started;
-    if threads <= 1 {
-        let mut matcher = Matcher::new(config, kernels, &mut memory)?;
-        started = Instant::now();
-        for (left, right) in pair.lines() {
-            if let Some(line) = matcher.push(left, right)? {
-                disparities_q4.extend_from_slice(line.disparities_q4);
-            }
-        }
-        while let Some(line) = matcher.finish() {
-            disparities_q4.extend_from_slice(line.disparities_q4);
-        }
-    } else {
-        if pair.width != config.width {
-            return Err(PushError::Width.into());
-        }
-        let mut refiner = Refiner::new(config, &mut Arena::new(&mut memory))?;
-        started = Instant::now();
-        for band in match_bands(config, pair, kernels, threads)? {
-            for row in band.chunks_exact(candidates_length(config)) {
-                if refiner.push(row) {
-                    disparities_q4.extend_from_slice(refiner.line_q4());
+    match &config.parameters.method {
+        Method::Recall(recall) if threads > 1 => {
+            let mut refiner = Refiner::new(config, recall, &mut Arena::new(&mut memory))?;
+            started = Instant::now();
+            let views = views.to_grey();
+            for band in match_bands(config, recall, &views, kernels, threads)? {
+                for row in band.chunks_exact(candidates_length(config, recall)) {
+                    if refiner.push(row) {
+                        disparities_q4.extend_from_slice(refiner.line_q4());
+                    }
                 }
             }
+            while refiner.flush() {
+                disparities_q4.extend_from_slice(refiner.line_q4());
+            }
         }
-        while refiner.flush() {
-            disparities_q4.extend_from_slice(refiner.line_q4());
+        _ => {
+            let mut matcher = Matcher::new(config, kernels, &mut memory)?;
+            started = Instant::now();
+            for (left, right) in views.lines() {
+                if let Some(line) = matcher.push(left, right)? {
+                    disparities_q4.extend_from_slice(line.disparities_q4);
+                }
+            }
+            while let Some(line) = matcher.finish() {
+                disparities_q4.extend_from_slice(line.disparities_q4);
+            }
         }
     }
     Ok(Matched {
@@ -138,11 +124,12 @@ pub fn match_frame(
 /// The refinement after them goes over all rows in turn.
 fn match_bands(
     config: &Config,
-    pair: GreyPair<'_>,
+    recall: &Recall,
+    views: &Views,
     kernels: HostKernels,
     threads: usize,
 ) -> Result<Vec<Vec<i16>>, FrameError> {
-    let lines = u32::try_from(pair.lines().count()).map_err(|_| PushError::TooManyLines)?;
+    let lines = u32::try_from(views.lines().count()).map_err(|_| PushError::TooManyLines)?;
     let region = config.region;
     let end = region.y.saturating_add(region.height).min(lines);
     let start = region.y.min(end);
@@ -161,14 +148,15 @@ fn match_bands(
     pool.install(|| {
         bands
             .into_par_iter()
-            .map(|band| match_band(config, pair, kernels, band))
+            .map(|band| match_band(config, recall, views, kernels, band))
             .collect()
     })
 }
 
 fn match_band(
     config: &Config,
-    pair: GreyPair<'_>,
+    recall: &Recall,
+    views: &Views,
     kernels: HostKernels,
     band: Range<u32>,
 ) -> Result<Vec<i16>, FrameError> {
@@ -180,11 +168,11 @@ fn match_band(
         },
         ..*config
     };
-    let mut memory = vec![0; RowMatcher::memory_words(&config)];
-    let mut rows = RowMatcher::new(&config, kernels, &mut Arena::new(&mut memory))?;
-    let mut candidates = Vec::with_capacity(band.len() * candidates_length(&config));
+    let mut memory = vec![0; RowMatcher::memory_words(&config, recall)];
+    let mut rows = RowMatcher::new(&config, recall, kernels, &mut Arena::new(&mut memory))?;
+    let mut candidates = Vec::with_capacity(band.len() * candidates_length(&config, recall));
     let reach = usize::from(config.parameters.support.y_px);
-    for (left, right) in pair.lines().take(band.end as usize + reach) {
+    for (left, right) in views.lines().take(band.end as usize + reach) {
         if rows.push(left, right).is_some() {
             candidates.extend_from_slice(rows.candidates_px());
         }
@@ -195,6 +183,6 @@ fn match_band(
     Ok(candidates)
 }
 
-fn candidates_length(config: &Config) -> usize {
-    usize::from(config.parameters.candidates) * usize::from(config.region.width)
+fn candidates_length(config: &Config, recall: &Recall) -> usize {
+    usize::from(recall.candidates) * usize::from(config.region.width)
 }

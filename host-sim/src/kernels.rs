@@ -4,9 +4,11 @@
 //! more with wider instruction sets enabled, they give the same bits from vector
 //! registers of 32 or 64 bytes. The set is chosen at run time.
 
+use vgstereo_core::aggregation::AggregateRow;
 use vgstereo_core::kernel::{Kernels, Portable};
-use vgstereo_core::matching::RowRecall;
+use vgstereo_core::matching::{CostRun, MaskBlock, RowRecall};
 use vgstereo_core::minchinton::CELLS_PER_BYTE;
+use vgstereo_core::refine::{ArmsRow, WeightedMedianRow};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Level {
@@ -69,13 +71,44 @@ impl HostKernels {
 macro_rules! compiled_for {
     ($module:ident, $features:literal) => {
         mod $module {
+            use vgstereo_core::aggregation::{self, AggregateRow};
             use vgstereo_core::kernel;
-            use vgstereo_core::matching::{self, RowRecall};
+            use vgstereo_core::matching::{self, CostRun, MaskBlock, RowRecall};
             use vgstereo_core::minchinton::CELLS_PER_BYTE;
+            use vgstereo_core::refine::{self, ArmsRow, WeightedMedianRow};
 
             #[target_feature(enable = $features)]
             pub fn pack_cells(samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
                 kernel::pack_cells(samples, packed);
+            }
+
+            #[target_feature(enable = $features)]
+            pub fn mask_block(block: &mut MaskBlock<'_>) {
+                matching::mask_block(block);
+            }
+
+            #[target_feature(enable = $features)]
+            pub fn cost_run(row: &CostRun<'_>, costs: &mut [u8]) {
+                matching::cost_run(row, costs);
+            }
+
+            #[target_feature(enable = $features)]
+            pub fn arms_row(row: &ArmsRow<'_>, scratch: &mut [u8], arms: &mut [i16]) {
+                refine::arms_row(row, scratch, arms);
+            }
+
+            #[target_feature(enable = $features)]
+            pub fn weighted_median_row(
+                row: &WeightedMedianRow<'_>,
+                weights: &mut [u8],
+                output: &mut [i16],
+            ) {
+                refine::weighted_median_row(row, weights, output);
+            }
+
+            #[target_feature(enable = $features)]
+            pub fn aggregate_row(row: &mut AggregateRow<'_>) {
+                aggregation::aggregate_row(row);
             }
 
             #[target_feature(enable = $features)]
@@ -95,28 +128,52 @@ compiled_for!(avx2, "avx2,popcnt");
 #[cfg(target_arch = "x86_64")]
 compiled_for!(avx512, "avx512f,avx512bw,avx512vl,avx512bitalg,popcnt");
 
-impl Kernels for HostKernels {
-    fn pack_cells(&self, samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
-        match self.0 {
-            Level::Portable => Portable.pack_cells(samples, packed),
+/// Calls a kernel in the set that was chosen.
+macro_rules! dispatch {
+    ($self:ident, $kernel:ident($($argument:expr),*)) => {
+        match $self.0 {
+            Level::Portable => Portable.$kernel($($argument),*),
             // SAFETY: a value of this level exists only where `available` saw its features.
             #[cfg(target_arch = "x86_64")]
-            Level::Avx2 => unsafe { avx2::pack_cells(samples, packed) },
+            Level::Avx2 => unsafe { avx2::$kernel($($argument),*) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Level::Avx512 => unsafe { avx512::pack_cells(samples, packed) },
+            Level::Avx512 => unsafe { avx512::$kernel($($argument),*) },
         }
+    };
+}
+
+impl Kernels for HostKernels {
+    fn pack_cells(&self, samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
+        dispatch!(self, pack_cells(samples, packed));
     }
 
     fn recall_row(&self, row: &RowRecall<'_>, distances: &mut [i16], candidates_px: &mut [i16]) {
-        match self.0 {
-            Level::Portable => Portable.recall_row(row, distances, candidates_px),
-            // SAFETY: as above.
-            #[cfg(target_arch = "x86_64")]
-            Level::Avx2 => unsafe { avx2::recall_row(row, distances, candidates_px) },
-            // SAFETY: as above.
-            #[cfg(target_arch = "x86_64")]
-            Level::Avx512 => unsafe { avx512::recall_row(row, distances, candidates_px) },
-        }
+        dispatch!(self, recall_row(row, distances, candidates_px));
+    }
+
+    fn mask_block(&self, block: &mut MaskBlock<'_>) {
+        dispatch!(self, mask_block(block));
+    }
+
+    fn cost_run(&self, row: &CostRun<'_>, costs: &mut [u8]) {
+        dispatch!(self, cost_run(row, costs));
+    }
+
+    fn arms_row(&self, row: &ArmsRow<'_>, scratch: &mut [u8], arms: &mut [i16]) {
+        dispatch!(self, arms_row(row, scratch, arms));
+    }
+
+    fn weighted_median_row(
+        &self,
+        row: &WeightedMedianRow<'_>,
+        weights: &mut [u8],
+        output: &mut [i16],
+    ) {
+        dispatch!(self, weighted_median_row(row, weights, output));
+    }
+
+    fn aggregate_row(&self, row: &mut AggregateRow<'_>) {
+        dispatch!(self, aggregate_row(row));
     }
 }

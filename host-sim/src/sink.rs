@@ -131,6 +131,7 @@ mod tests {
             line,
             column: 2,
             disparities_q4,
+            confidences: &[1; 3],
         }
     }
 

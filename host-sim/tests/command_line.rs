@@ -105,7 +105,14 @@ fn the_demo_writes_its_pictures_and_says_so() {
     for wire in ["separate", "pixel-multiplexed"] {
         let outcome = fixture.run(&[&size[..], &["--layout", wire, "--out", wire]].concat());
         assert_eq!((outcome.code, outcome.stderr.as_str()), (Some(0), ""));
-        for word in ["paper-raw", "paper ", "KiB", "latency lines", "ms"] {
+        for word in [
+            "paper-raw",
+            "paper ",
+            "micro ",
+            "KiB",
+            "latency lines",
+            "ms",
+        ] {
             assert!(
                 outcome.stdout.contains(word),
                 "{word:?} in {}",
@@ -253,6 +260,47 @@ fn match_obeys_its_parameters_and_seeds() {
     );
     assert_ne!(first, map("c.png", &[narrow.as_slice(), &["4"]].concat()));
     assert_ne!(first, map("d.png", &["--seed", "3"]));
+}
+
+/// The paper's method looks at grey anyway; what aggregates looks at colour unless asked.
+#[test]
+fn grey_is_matched_when_asked_for() {
+    let fixture = Fixture::new();
+    // Grey of the same weights as ours.
+    let luma = |shift| {
+        let colour = texture(shift);
+        DynamicImage::from(GrayImage::from_fn(WIDTH, HEIGHT, |x, y| {
+            let [red, green, blue] = colour.get_pixel(x, y).0.map(u32::from);
+            Luma([((77 * red + 150 * green + 29 * blue + 128) >> 8) as u8])
+        }))
+    };
+    luma(0).save(fixture.path("grey-left.png")).unwrap();
+    luma(SHIFT).save(fixture.path("grey-right.png")).unwrap();
+    let map = |preset: &str, left: &str, right: &str, more: &[&str]| {
+        let mut arguments = vec!["match", left, right, "--out", "map.png", "--d-max", "20"];
+        arguments.extend(["--scale", "12", "--preset", preset]);
+        arguments.extend(more);
+        let outcome = fixture.run(&arguments);
+        assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+        (fs::read(fixture.path("map.png")).unwrap(), outcome.stdout)
+    };
+    for preset in ["paper", "micro"] {
+        let (grey, said) = map(preset, "left.png", "right.png", &["--grey"]);
+        let (own, own_said) = map(preset, "grey-left.png", "grey-right.png", &[]);
+        assert_eq!(grey, own, "{preset}");
+        let (_, colour_said) = map(preset, "left.png", "right.png", &[]);
+        let picture = image::open(fixture.path("map.png")).unwrap();
+        // A sixteenth or two beside the shift rounds to a step or two of 12.
+        let near = (SHIFT * 12 - 2..=SHIFT * 12 + 2).map(|v| fraction(&picture, v as u16 * 257));
+        assert!(near.sum::<f64>() > 0.99, "{preset}");
+        // Colour takes more memory.
+        let kib = |said: &str| -> f64 {
+            let words: Vec<&str> = said.split_whitespace().collect();
+            let unit = words.iter().position(|&word| word == "KiB").unwrap();
+            words[unit - 1].parse().unwrap()
+        };
+        assert!(kib(&said) < kib(&colour_said) && kib(&said) == kib(&own_said));
+    }
 }
 
 #[test]
@@ -518,7 +566,15 @@ fn eval_prints_tables_and_writes_pictures() {
     let fixture = two_scenes();
     let outcome = fixture.run(&["eval", "set", "--out", "pictures", "--threads", "2"]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
-    for word in ["paper-raw", "paper ", "| a ", "| b ", "average", "lines"] {
+    for word in [
+        "paper-raw",
+        "paper ",
+        "micro ",
+        "| a ",
+        "| b ",
+        "average",
+        "lines",
+    ] {
         assert!(
             outcome.stdout.contains(word),
             "{word:?} in {}",
@@ -535,6 +591,34 @@ fn eval_prints_tables_and_writes_pictures() {
     }
     let spread = fixture.run(&["eval", "set", "--seeds", "1,2,3", "--preset", "paper"]);
     assert!(spread.stdout.contains("3 seeds"), "{}", spread.stdout);
+}
+
+#[test]
+fn eval_measures_grey_when_asked_for() {
+    let fixture = two_scenes();
+    let report = |preset, more: &[&str]| -> serde_json::Value {
+        let mut arguments = vec!["eval", "set", "a", "--json", "--preset", preset];
+        arguments.extend(more);
+        let outcome = fixture.run(&arguments);
+        assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+        serde_json::from_str(&outcome.stdout).unwrap()
+    };
+    let scene = |report: &serde_json::Value, key: &str| {
+        report["presets"][0]["scenes"][0][key].as_f64().unwrap()
+    };
+    for preset in ["paper", "micro"] {
+        let (grey, colour) = (report(preset, &["--grey"]), report(preset, &[]));
+        for report in [&grey, &colour] {
+            assert!(scene(report, "nonocc") < 1.0, "{preset}");
+        }
+        let bytes = |report| scene(report, "working_bytes");
+        assert!(bytes(&grey) < bytes(&colour), "{preset}");
+        if preset == "paper" {
+            for key in ["nonocc", "all", "disc", "average", "invalid"] {
+                assert_eq!(scene(&grey, key), scene(&colour, key), "{key}");
+            }
+        }
+    }
 }
 
 #[test]
@@ -623,7 +707,15 @@ fn presets_are_listed_with_their_memory() {
     let fixture = Fixture::new();
     let outcome = fixture.run(&["presets", "--width", "450", "--d-max", "59"]);
     assert_eq!(outcome.code, Some(0));
-    for word in ["paper-raw", "paper ", "256", "54.7", "any height"] {
+    for word in [
+        "paper-raw",
+        "paper ",
+        "micro ",
+        "256",
+        "55.1",
+        "KiB in colour",
+        "any height",
+    ] {
         assert!(
             outcome.stdout.contains(word),
             "{word:?} in {}",

@@ -1,15 +1,17 @@
 //! What the tests share: random pairs, and the slow, evident versions of every stage.
 
 pub mod oracle;
+pub mod surface;
 
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
+use vgstereo_core::camera::PixelFormat;
 use vgstereo_core::config::Config;
 use vgstereo_core::kernel::Kernels;
-use vgstereo_core::matcher::Matcher;
+use vgstereo_core::matcher::{DisparityLine, Matcher};
 use vgstereo_core::view::View;
 
-/// A pair of grey views.
+/// A pair of views, grey unless said otherwise.
 #[derive(Debug, Clone)]
 pub struct Pair {
     /// Columns, px.
@@ -26,10 +28,22 @@ impl Pair {
     /// A pair of unrelated pixels with `levels` grey levels: few levels make many ties.
     #[must_use]
     pub fn random(width: usize, height: usize, levels: u32, seed: u64) -> Self {
+        Self::random_in(PixelFormat::Grey8, width, height, levels, seed)
+    }
+
+    /// The same with pixels of another format, whose every byte has `levels` levels.
+    #[must_use]
+    pub fn random_in(
+        format: PixelFormat,
+        width: usize,
+        height: usize,
+        levels: u32,
+        seed: u64,
+    ) -> Self {
         let mut random = Pcg32::seed_from_u64(seed);
         let mut view = || -> Vec<u8> {
-            let pixels = 0..width * height;
-            pixels.map(|_| (random.next_u32() % levels) as u8).collect()
+            let bytes = 0..width * height * format.bytes_per_pixel();
+            bytes.map(|_| (random.next_u32() % levels) as u8).collect()
         };
         Self {
             width,
@@ -55,30 +69,64 @@ impl Pair {
     /// the numbers of the lines and the latency on the way. Gives 1/16 px of the region.
     #[must_use]
     pub fn stream(&self, config: &Config, kernels: impl Kernels) -> Vec<i16> {
+        self.stream_with_confidences(config, kernels).disparities_q4
+    }
+
+    /// The same with the confidences.
+    #[must_use]
+    pub fn stream_with_confidences(&self, config: &Config, kernels: impl Kernels) -> Map {
         let mut memory = vec![u32::MAX; config.memory_words()];
         let mut matcher = Matcher::new(config, kernels, &mut memory).unwrap();
+        self.stream_through(&mut matcher)
+    }
+
+    /// The same through a matcher that is between two frames, and is so again after.
+    #[must_use]
+    pub fn stream_through<K: Kernels>(&self, matcher: &mut Matcher<'_, K>) -> Map {
+        let config = *matcher.config();
         let latency = config.parameters.latency_lines();
         let region = config.region;
         let mut next = region.y;
-        let mut map = Vec::new();
-        let lines = self
-            .left
-            .chunks_exact(self.width)
-            .zip(self.right.chunks_exact(self.width));
-        for (number, (left, right)) in (0..).zip(lines) {
+        let mut map = Map::default();
+        for (number, (left, right)) in (0..).zip(self.lines(config.format)) {
             if let Some(line) = matcher.push(left, right).unwrap() {
                 assert_eq!((line.line, line.column), (next, region.x));
-                assert_eq!(line.disparities_q4.len(), usize::from(region.width));
                 assert_eq!(line.line + latency, number, "latency");
-                map.extend_from_slice(line.disparities_q4);
+                map.extend(&line, region.width);
                 next += 1;
             }
         }
         while let Some(line) = matcher.finish() {
-            assert_eq!(line.line, next);
-            map.extend_from_slice(line.disparities_q4);
+            assert_eq!((line.line, line.column), (next, region.x));
+            map.extend(&line, region.width);
             next += 1;
         }
         map
+    }
+
+    /// The pairs of lines from the top, of views in this format.
+    pub fn lines(&self, format: PixelFormat) -> impl Iterator<Item = (&[u8], &[u8])> {
+        let bytes = self.width * format.bytes_per_pixel();
+        let left = self.left.chunks_exact(bytes);
+        left.zip(self.right.chunks_exact(bytes))
+    }
+}
+
+/// What a matcher gave of a frame, row-major.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Map {
+    /// Disparities of the region, 1/16 px.
+    pub disparities_q4: Vec<i16>,
+    /// Their confidences.
+    pub confidences: Vec<u8>,
+}
+
+impl Map {
+    /// Appends a line of a region of `width` columns.
+    pub fn extend(&mut self, line: &DisparityLine<'_>, width: u16) {
+        assert_eq!(line.disparities_q4.len(), usize::from(width));
+        assert_eq!(line.confidences.len(), usize::from(width));
+        self.disparities_q4.extend_from_slice(line.disparities_q4);
+        self.confidences.extend_from_slice(line.confidences);
     }
 }

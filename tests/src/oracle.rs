@@ -2,37 +2,58 @@
 
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
-use vgstereo_core::config::Config;
+use vgstereo_core::config::{Config, Method, Parameters, Recall};
 use vgstereo_core::disparity::{INVALID, Reference, px_to_q4};
 use vgstereo_core::matching::TieBreak;
-use vgstereo_core::synapse::{Offset, Synapses};
+use vgstereo_core::synapse::{Offset, StoredOffset, Synapses};
 
 use crate::Pair;
 
 /// Disparities of the whole reference view, 1/16 px, of a configuration whose region is
-/// the whole view.
+/// the whole view and whose method is the paper's.
+///
+/// # Panics
+/// When the method is another.
 #[must_use]
 pub fn match_whole(pair: &Pair, config: &Config) -> Vec<i16> {
     let parameters = &config.parameters;
-    let mut stored = vec![[0; 2]; usize::from(parameters.synapses)];
-    let mut generator = Pcg32::seed_from_u64(parameters.seed);
-    let synapses = Synapses::draw(
-        &mut stored,
-        parameters.sigma_px,
-        parameters.support,
-        &mut generator,
-    )
-    .unwrap();
-    let candidates = candidates(pair, config, synapses);
+    let Method::Recall(recall) = &parameters.method else {
+        panic!("the oracle knows the paper's method only");
+    };
+    let stored = offsets(parameters);
+    let candidates = candidates(pair, config, recall, Synapses::from_stored(&stored));
     let mut map: Vec<i16> = candidates.iter().map(|list| list[0]).collect();
-    vote(&mut map, &candidates, pair.width, parameters.vote_passes);
-    let map = median(&map, pair.width, i32::from(parameters.median_reach_px));
+    vote(&mut map, &candidates, pair.width, recall.vote_passes);
+    let map = median(&map, pair.width, i32::from(recall.median_reach_px));
     map.into_iter().map(px_to_q4).collect()
 }
 
+/// The offsets that a matcher draws: the first half with the first sigma, then the second
+/// half with the second, from one generator.
+#[must_use]
+pub fn offsets(parameters: &Parameters) -> Vec<StoredOffset> {
+    let count = usize::from(parameters.synapses);
+    let mut generator = Pcg32::seed_from_u64(parameters.seed);
+    let mut offsets = Vec::new();
+    for (drawn, sigma_px) in [count / 2, count - count / 2]
+        .into_iter()
+        .zip(parameters.sigmas_px)
+    {
+        let mut stored = vec![[0; 2]; drawn];
+        Synapses::draw(&mut stored, sigma_px, parameters.support, &mut generator).unwrap();
+        offsets.extend(stored);
+    }
+    offsets
+}
+
 /// For each pixel the recalled disparity, then the others by distance and disparity;
-/// always `config.parameters.candidates` of them.
-fn candidates(pair: &Pair, config: &Config, synapses: Synapses<'_>) -> Vec<Vec<i16>> {
+/// always `recall.candidates` of them.
+fn candidates(
+    pair: &Pair,
+    config: &Config,
+    recall: &Recall,
+    synapses: Synapses<'_>,
+) -> Vec<Vec<i16>> {
     let (reference, other) = match config.reference {
         Reference::Left => (&pair.left, &pair.right),
         Reference::Right => (&pair.right, &pair.left),
@@ -67,11 +88,8 @@ fn candidates(pair: &Pair, config: &Config, synapses: Synapses<'_>) -> Vec<Vec<i
             }
             recalled.sort_unstable();
             let mut list: Vec<i16> = recalled.iter().map(|&(_, d)| d as i16).collect();
-            list.resize(
-                usize::from(config.parameters.candidates).max(list.len()),
-                INVALID,
-            );
-            if let TieBreak::Random { seed } = config.parameters.ties {
+            list.resize(usize::from(recall.candidates).max(list.len()), INVALID);
+            if let TieBreak::Random { seed } = recall.ties {
                 let ties = recalled.iter().filter(|r| r.0 == recalled[0].0).count();
                 // The draw of column x is number x of the line's own generator.
                 let mut generator = Pcg32::seed_from_u64(seed.wrapping_add(y as u64));
@@ -80,7 +98,7 @@ fn candidates(pair: &Pair, config: &Config, synapses: Synapses<'_>) -> Vec<Vec<i
                     list[0] = list[((u64::from(draw) * ties as u64) >> 32) as usize];
                 }
             }
-            list.truncate(config.parameters.candidates.into());
+            list.truncate(recall.candidates.into());
             lists.push(list);
         }
     }

@@ -7,10 +7,10 @@ use vgstereo_core::config::Config;
 use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::preset::Preset;
 use vgstereo_sim::dataset::load_scene;
-use vgstereo_sim::frame::{GreyPair, match_frame};
-use vgstereo_sim::grey::grey;
+use vgstereo_sim::frame::match_frame;
 use vgstereo_sim::kernels::HostKernels;
 use vgstereo_sim::metrics::BadPixels;
+use vgstereo_sim::views::Views;
 
 /// Scene and the largest average of the three masks with the preset `paper`, percent: the
 /// paper's own, read generously as its tables differ.
@@ -59,16 +59,10 @@ fn main() {
 
 fn average(folder: &std::path::Path, preset: Preset) -> Result<f64, Failed> {
     let scene = load_scene(folder).map_err(|error| format!("{error:#}"))?;
-    let (left, right) = (grey(&scene.left), grey(&scene.right));
-    let width = u16::try_from(scene.left.width())?;
+    let views = Views::new(&scene.left, &scene.right, true).ok_or("too wide")?;
     let disparities = DisparityRange::up_to(scene.d_max);
-    let config = Config::new(preset.parameters(), width, disparities);
-    let pair = GreyPair {
-        left: &left,
-        right: &right,
-        width,
-    };
-    let matched = match_frame(&config, pair, HostKernels::fastest(), 1)?;
+    let config = Config::new(preset.parameters(), views.width, disparities);
+    let matched = match_frame(&config, &views, HostKernels::fastest(), 1)?;
     let truth = scene.truth.ok_or("no ground truth")?;
     let bad = BadPixels::measure(&matched.disparities_q4, &truth, 1.0);
     Ok(bad.average().ok_or("no mask")?)

@@ -1,15 +1,18 @@
 //! What the matcher promises of memory, latency, frames and refusals.
 
-use vgstereo_core::config::{Config, ConfigError, Parameters, Region};
+use vgstereo_core::camera::PixelFormat;
+use vgstereo_core::config::{Aggregation, Config, ConfigError, Method, Parameters, Recall, Region};
 use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::kernel::Portable;
 use vgstereo_core::matcher::{Matcher, PushError};
+use vgstereo_core::matching::TieBreak;
 use vgstereo_core::memory::OutOfMemory;
-use vgstereo_core::preset::Preset;
+use vgstereo_core::preset::{DEFAULT_SEED, Preset};
 use vgstereo_core::synapse::{Support, SynapseError};
-use vgstereo_sim::frame::{GreyPair, match_frame};
+use vgstereo_sim::frame::match_frame;
 use vgstereo_sim::kernels::HostKernels;
-use vgstereo_tests::Pair;
+use vgstereo_sim::views::Views;
+use vgstereo_tests::{Map, Pair};
 
 /// The reference configuration: Middlebury's Teddy.
 const TEDDY: Config = Config::new(
@@ -18,10 +21,11 @@ const TEDDY: Config = Config::new(
     DisparityRange::up_to(59),
 );
 
-// The parts of the table at `Config::memory_words`, each rounded up to words.
+// The parts of the table at `Config::memory_words`, each rounded up to words; the last are
+// the output line and its confidences.
 const _: () = assert!(
     TEDDY.memory_words() * 4
-        == 2 * 256 + 2 * (25 * 474 + 2) + 2 * (466 * 32) + 2 * 64 + 2 * 450 + 2 * 450
+        == 2 * 256 + 2 * (25 * 474 + 2) + 2 * (466 * 32) + 2 * 64 + 2 * 450 + 2 * 450 + 452
 );
 const _: () = assert!(TEDDY.memory_words() * 4 <= 96 * 1024);
 
@@ -29,18 +33,45 @@ const _: () = assert!(TEDDY.memory_words() * 4 <= 96 * 1024);
 fn exactly_the_stated_memory_is_enough() {
     for preset in Preset::ALL {
         for (width, d_max) in [(450, 59), (33, 32), (1, 0), (320, 47)] {
-            let config = Config::new(preset.parameters(), width, DisparityRange::up_to(d_max));
-            let mut memory = vec![0; config.memory_words()];
-            assert!(Matcher::new(&config, Portable, &mut memory).is_ok());
-            let short = &mut memory[1..];
-            let refused = Matcher::new(&config, Portable, short).map(|_| ());
-            assert_eq!(
-                refused,
-                Err(ConfigError::Memory(OutOfMemory)),
-                "{preset} {width}"
-            );
+            for format in PixelFormat::ALL {
+                let disparities = DisparityRange::up_to(d_max);
+                let config = Config {
+                    format,
+                    ..Config::new(preset.parameters(), width, disparities)
+                };
+                let mut memory = vec![0; config.memory_words()];
+                assert!(Matcher::new(&config, Portable, &mut memory).is_ok());
+                let short = &mut memory[1..];
+                let refused = Matcher::new(&config, Portable, short).map(|_| ());
+                assert_eq!(
+                    refused,
+                    Err(ConfigError::Memory(OutOfMemory)),
+                    "{preset} {width} {format:?}"
+                );
+            }
         }
     }
+}
+
+/// The lines that each stage looks ahead, one after another.
+fn lines_ahead(parameters: &Parameters) -> u32 {
+    let support = u32::from(parameters.support.y_px);
+    support
+        + match &parameters.method {
+            Method::Recall(recall) => {
+                u32::from(recall.vote_passes) + u32::from(recall.median_reach_px)
+            }
+            Method::Aggregation(aggregation) => {
+                let vote = aggregation
+                    .vote
+                    .map_or(0, |vote| u32::from(vote.reach_y_px));
+                // A median of 3 x 3; the weighted one brings another.
+                let median = aggregation
+                    .weighted_median
+                    .map_or(0, |median| u32::from(median.reach_y_px) + 1);
+                vote + 1 + median
+            }
+        }
 }
 
 /// The first line comes with pair number `latency_lines`, then one with every pair, and
@@ -50,14 +81,15 @@ fn latency_is_as_stated() {
     for preset in Preset::ALL {
         let config = Config::new(preset.parameters(), 24, DisparityRange::up_to(9));
         let latency = config.parameters.latency_lines();
-        assert_eq!(
-            latency,
-            match preset {
-                // 12 lines of support; 5 passes of the vote and half a median of 7.
-                Preset::PaperRaw => 12,
-                _ => 12 + 5 + 3,
-            }
-        );
+        assert_eq!(latency, lines_ahead(&config.parameters), "{preset}");
+        match preset {
+            // 12 lines of support; 5 passes of the vote and half a median of 7.
+            Preset::PaperRaw => assert_eq!(latency, 12),
+            Preset::Paper => assert_eq!(latency, 12 + 5 + 3),
+            // 3 lines of support and 4 of the vote; medians of 3, 5 and 3.
+            Preset::Micro => assert_eq!(latency, 3 + 4 + 1 + 2 + 1),
+            _ => {}
+        }
         for height in [1, latency, latency + 1, 3 * latency] {
             let mut memory = vec![0; config.memory_words()];
             let mut matcher = Matcher::new(&config, Portable, &mut memory).unwrap();
@@ -77,9 +109,11 @@ fn latency_is_as_stated() {
 /// A region that ends above the frame's end does not hold its last lines back.
 #[test]
 fn latency_is_as_stated_below_a_region() {
-    for (y, height) in [(0, 1), (3, 2), (2, 5), (0, 30), (9, 40), (59, 1)] {
+    let places = [(0, 1), (3, 2), (2, 5), (0, 30), (9, 40), (59, 1)];
+    let presets = Preset::ALL.into_iter();
+    for (preset, (y, height)) in presets.flat_map(|preset| places.map(|place| (preset, place))) {
         let mut config = Config::new(
-            Preset::Paper.parameters().with_sigma(1.0),
+            preset.parameters().with_sigma(1.0),
             24,
             DisparityRange::up_to(9),
         );
@@ -97,12 +131,14 @@ fn latency_is_as_stated_below_a_region() {
             let expected = pair
                 .checked_sub(latency)
                 .filter(|&line| config.region.contains_line(line));
-            assert_eq!(line.map(|line| line.line), expected, "{y} {height}");
+            let line = line.map(|line| line.line);
+            assert_eq!(line, expected, "{preset} {y} {height}");
         }
         let held = (0..).take_while(|_| matcher.finish().is_some()).count() as u32;
         let end = (y + height).min(60);
         let first_held = 60 - latency;
-        assert_eq!(held, end.saturating_sub(first_held.max(y)), "{y} {height}");
+        let expected = end.saturating_sub(first_held.max(y));
+        assert_eq!(held, expected, "{preset} {y} {height}");
     }
 }
 
@@ -111,18 +147,16 @@ fn frames_do_not_leak_into_each_other() {
     for preset in Preset::ALL {
         let config = Config::new(preset.parameters(), 40, DisparityRange::up_to(15));
         let (first, second) = (Pair::random(40, 30, 200, 1), Pair::random(40, 23, 200, 2));
-        let alone = second.stream(&config, Portable);
+        let alone = second.stream_with_confidences(&config, Portable);
         let mut memory = vec![0; config.memory_words()];
         let mut matcher = Matcher::new(&config, Portable, &mut memory).unwrap();
-        let push = |matcher: &mut Matcher<'_>, pair: &Pair| -> Vec<i16> {
+        let push = |matcher: &mut Matcher<'_>, pair: &Pair| -> Map {
             let lines = pair.left.chunks(40).zip(pair.right.chunks(40));
-            let mut map = Vec::new();
+            let mut map = Map::default();
             for (left, right) in lines {
-                let line = matcher.push(left, right).unwrap();
-                map.extend(
-                    line.into_iter()
-                        .flat_map(|line| line.disparities_q4.to_vec()),
-                );
+                if let Some(line) = matcher.push(left, right).unwrap() {
+                    map.extend(&line, 40);
+                }
             }
             map
         };
@@ -133,7 +167,7 @@ fn frames_do_not_leak_into_each_other() {
         matcher.reset();
         let mut map = push(&mut matcher, &second);
         while let Some(line) = matcher.finish() {
-            map.extend_from_slice(line.disparities_q4);
+            map.extend(&line, 40);
         }
         assert_eq!(map, alone, "{preset}");
     }
@@ -141,26 +175,87 @@ fn frames_do_not_leak_into_each_other() {
 
 #[test]
 fn refused_lines_change_nothing() {
-    let config = Config::new(Preset::Paper.parameters(), 40, DisparityRange::up_to(15));
-    let pair = Pair::random(40, 30, 200, 1);
-    let mut memory = vec![0; config.memory_words()];
-    let mut matcher = Matcher::new(&config, Portable, &mut memory).unwrap();
-    let mut map = Vec::new();
-    for (left, right) in pair.left.chunks(40).zip(pair.right.chunks(40)) {
-        assert_eq!(matcher.push(&left[1..], right), Err(PushError::Width));
-        assert_eq!(matcher.push(left, &[0; 41]), Err(PushError::Width));
-        let line = matcher.push(left, right).unwrap();
-        map.extend(
-            line.into_iter()
-                .flat_map(|line| line.disparities_q4.to_vec()),
-        );
+    let formats = [PixelFormat::Grey8, PixelFormat::Rgb888];
+    let presets = Preset::ALL.into_iter();
+    for (preset, format) in presets.flat_map(|preset| formats.map(|format| (preset, format))) {
+        let config = Config {
+            format,
+            ..Config::new(preset.parameters(), 40, DisparityRange::up_to(15))
+        };
+        let pair = Pair::random_in(format, 40, 30, 200, 1);
+        let bytes = format.line_bytes(40);
+        let mut memory = vec![0; config.memory_words()];
+        let mut matcher = Matcher::new(&config, Portable, &mut memory).unwrap();
+        let mut map = Map::default();
+        for (left, right) in pair.lines(format) {
+            assert_eq!(matcher.push(&left[1..], right), Err(PushError::Width));
+            let longer = vec![0; bytes + 1];
+            assert_eq!(matcher.push(left, &longer), Err(PushError::Width));
+            if let Some(line) = matcher.push(left, right).unwrap() {
+                map.extend(&line, 40);
+            }
+        }
+        while let Some(line) = matcher.finish() {
+            map.extend(&line, 40);
+            let refused = matcher.push(&pair.left[..bytes], &pair.right[..bytes]);
+            assert_eq!(refused, Err(PushError::Finishing));
+        }
+        assert_eq!(map, pair.stream_with_confidences(&config, Portable));
     }
-    while let Some(line) = matcher.finish() {
-        map.extend_from_slice(line.disparities_q4);
-        let refused = matcher.push(&pair.left[..40], &pair.right[..40]);
-        assert_eq!(refused, Err(PushError::Finishing));
+}
+
+fn recall_of(config: &mut Config) -> &mut Recall {
+    match &mut config.parameters.method {
+        Method::Recall(recall) => recall,
+        Method::Aggregation(_) => panic!("not the paper's method"),
     }
-    assert_eq!(map, pair.stream(&config, Portable));
+}
+
+fn micro() -> Aggregation {
+    match Preset::Micro.parameters().method {
+        Method::Aggregation(aggregation) => aggregation,
+        Method::Recall(_) => panic!("micro aggregates"),
+    }
+}
+
+#[test]
+fn aggregations_out_of_range_are_refused() {
+    let refusal = |change: &dyn Fn(&mut Aggregation)| {
+        let mut aggregation = micro();
+        change(&mut aggregation);
+        let parameters = Parameters {
+            method: Method::Aggregation(aggregation),
+            ..Preset::Micro.parameters()
+        };
+        let config = Config::new(parameters, 40, DisparityRange::up_to(15));
+        Matcher::new(&config, Portable, &mut vec![0; 1 << 20]).err()
+    };
+    assert_eq!(refusal(&|_| ()), None);
+    let costs: [&dyn Fn(&mut Aggregation); 5] = [
+        // 210 and the 45 of the levels.
+        &|a| a.hamming_truncation = 255 - 45 - a.p2,
+        &|a| a.difference_weight_q4 = 255,
+        &|a| a.p2 = 255,
+        &|a| a.p1 = a.p2 + 1,
+        &|a| a.p2_floor = a.p2 + 1,
+    ];
+    for (number, change) in costs.into_iter().enumerate() {
+        assert_eq!(refusal(change), Some(ConfigError::Costs), "{number}");
+    }
+    assert_eq!(refusal(&|a| a.hamming_truncation = 254 - 45 - a.p2), None);
+    let windows: [&dyn Fn(&mut Aggregation); 7] = [
+        &|a| a.kept_cells_q8 = 0,
+        &|a| a.vote.as_mut().unwrap().reach_x_px = 128,
+        &|a| a.vote.as_mut().unwrap().reach_y_px = 16,
+        &|a| a.weighted_median.as_mut().unwrap().reach_x_px = 31,
+        &|a| a.weighted_median.as_mut().unwrap().reach_y_px = 8,
+        &|a| a.weighted_median.as_mut().unwrap().colour_reach = 49,
+        // 25 x 15.
+        &|a| a.weighted_median.as_mut().unwrap().reach_y_px = 7,
+    ];
+    for (number, change) in windows.into_iter().enumerate() {
+        assert_eq!(refusal(change), Some(ConfigError::Windows), "{number}");
+    }
 }
 
 #[test]
@@ -176,20 +271,22 @@ fn configurations_out_of_range_are_refused() {
         assert_eq!(refused, Some(ConfigError::Synapses), "{synapses}");
     }
     for sigma_px in [0.0, -1.0, 10.1, f32::NAN, f32::INFINITY] {
-        let refused = refusal(&|c| c.parameters.sigma_px = sigma_px);
-        assert_eq!(
-            refused,
-            Some(ConfigError::Synapse(SynapseError::Sigma)),
-            "{sigma_px}"
-        );
+        for sigmas_px in [[sigma_px; 2], [sigma_px, 2.0], [2.0, sigma_px]] {
+            let refused = refusal(&|c| c.parameters.sigmas_px = sigmas_px);
+            assert_eq!(
+                refused,
+                Some(ConfigError::Synapse(SynapseError::Sigma)),
+                "{sigmas_px:?}"
+            );
+        }
     }
     let refused = refusal(&|c| c.parameters.support = Support::square(128));
     assert_eq!(refused, Some(ConfigError::Synapse(SynapseError::Support)));
     for candidates in [0, 17, 255] {
-        let refused = refusal(&|c| c.parameters.candidates = candidates);
+        let refused = refusal(&|c| recall_of(c).candidates = candidates);
         assert_eq!(refused, Some(ConfigError::Candidates), "{candidates}");
     }
-    let refused = refusal(&|c| c.parameters.median_reach_px = 64);
+    let refused = refusal(&|c| recall_of(c).median_reach_px = 64);
     assert_eq!(refused, Some(ConfigError::Median));
     for (minimum_px, count) in [(0, 41), (0, 0), (-40, 3), (38, 3), (i16::MIN, u16::MAX)] {
         let refused = refusal(&|c| c.disparities = DisparityRange { minimum_px, count });
@@ -225,12 +322,15 @@ fn the_largest_parameters_run() {
     let pair = Pair::random(30, 4, 200, 6);
     let parameters = Parameters {
         synapses: 1024,
-        sigma_px: 10.0,
+        sigmas_px: [10.0; 2],
         support: Support::square(127),
-        candidates: 16,
-        vote_passes: u8::MAX,
-        median_reach_px: 63,
-        ..Preset::Paper.parameters()
+        seed: DEFAULT_SEED,
+        method: Method::Recall(Recall {
+            ties: TieBreak::Random { seed: DEFAULT_SEED },
+            candidates: 16,
+            vote_passes: u8::MAX,
+            median_reach_px: 63,
+        }),
     };
     let config = Config::new(parameters, 30, DisparityRange::up_to(29));
     let map = pair.stream(&config, Portable);
@@ -239,14 +339,20 @@ fn the_largest_parameters_run() {
 
 #[test]
 fn threads_give_the_same_frame() {
-    let pair = Pair::random(61, 47, 30, 9);
-    let grey = GreyPair {
-        left: &pair.left,
-        right: &pair.right,
-        width: 61,
-    };
-    for preset in Preset::ALL {
-        let mut config = Config::new(preset.parameters(), 61, DisparityRange::up_to(20));
+    let formats = [PixelFormat::Grey8, PixelFormat::Rgb888];
+    let presets = Preset::ALL.into_iter();
+    for (preset, format) in presets.flat_map(|preset| formats.map(|format| (preset, format))) {
+        let pair = Pair::random_in(format, 61, 47, 30, 9);
+        let views = Views {
+            left: pair.left.clone(),
+            right: pair.right.clone(),
+            width: 61,
+            format,
+        };
+        let mut config = Config {
+            format,
+            ..Config::new(preset.parameters(), 61, DisparityRange::up_to(20))
+        };
         for region in [
             Region::whole(61),
             Region {
@@ -259,7 +365,8 @@ fn threads_give_the_same_frame() {
             config.region = region;
             let alone = pair.stream(&config, Portable);
             for threads in [0, 1, 2, 3, 64, 100_000, usize::MAX] {
-                let matched = match_frame(&config, grey, HostKernels::fastest(), threads).unwrap();
+                let matched =
+                    match_frame(&config, &views, HostKernels::fastest(), threads).unwrap();
                 assert_eq!(matched.disparities_q4, alone, "{preset}, {threads} threads");
             }
         }

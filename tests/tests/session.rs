@@ -6,7 +6,7 @@ use rand_pcg::Pcg32;
 use vgstereo_core::camera::{
     ErrorKind, ErrorType, Geometry, Layout, LinePair, LinePairSource, PixelFormat,
 };
-use vgstereo_core::config::{Config, Region};
+use vgstereo_core::config::{Config, Method, Region};
 use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::kernel::Portable;
 use vgstereo_core::matcher::{DisparityLine, Matcher};
@@ -15,6 +15,7 @@ use vgstereo_firmware::session::{ATTEMPT_FRAMES, RunError, SessionError, memory_
 use vgstereo_firmware::{DisparitySink, Event, Fault, FrameInfo, Session, Statistics};
 use vgstereo_sim::camera::{FaultKind, FaultyCamera, LINE_PERIOD_US, SimulatedCamera};
 use vgstereo_sim::sink::FrameCollector;
+use vgstereo_tests::Pair;
 
 const WIDTH: u16 = 21;
 const HEIGHT: u32 = 14;
@@ -45,8 +46,15 @@ fn fault_kinds() -> Vec<FaultKind> {
 fn config() -> Config {
     let mut parameters = Preset::Paper.parameters().with_sigma(1.0);
     parameters.synapses = 32;
-    parameters.median_reach_px = 2;
+    if let Method::Recall(recall) = &mut parameters.method {
+        recall.median_reach_px = 2;
+    }
     Config::new(parameters, WIDTH, DisparityRange::up_to(6))
+}
+
+/// The same configuration for a camera of another pixel format.
+fn config_in(format: PixelFormat) -> Config {
+    Config { format, ..config() }
 }
 
 /// A textured view pair, the right one 3 px to the left, with some noise.
@@ -332,6 +340,7 @@ fn every_layout_and_format_gives_the_matchers_own_frame() {
         let expected = direct(&config, &grey(format, &left), &grey(format, &right));
         for layout in layouts {
             let camera = camera(HEIGHT, layout, format);
+            let config = config_in(format);
             with_session(&config, camera, FrameCollector::new(), |mut session| {
                 for number in 0..2 {
                     assert_eq!(session.run_frame(), Ok(number));
@@ -346,6 +355,52 @@ fn every_layout_and_format_gives_the_matchers_own_frame() {
 }
 
 #[test]
+fn a_session_holds_two_raw_lines() {
+    for format in PixelFormat::ALL {
+        let camera = camera(HEIGHT, Layout::Separate, format);
+        // Each line begins on a word.
+        let line = (usize::from(WIDTH) * format.bytes_per_pixel()).div_ceil(4);
+        assert_eq!(memory_words(&camera.geometry()), 2 * line, "{format:?}");
+    }
+}
+
+/// What aggregates looks at colour: the session hands it lines as the camera sends them.
+#[test]
+fn an_aggregating_matcher_gets_the_cameras_own_lines() {
+    let (left, right) = colours(HEIGHT);
+    for format in PixelFormat::ALL {
+        let disparities = DisparityRange::up_to(6);
+        let config = Config {
+            format,
+            ..Config::new(Preset::Micro.parameters(), WIDTH, disparities)
+        };
+        let mut lines = camera(HEIGHT, Layout::Separate, format);
+        let bytes = format.line_bytes(WIDTH);
+        let mut pair = Pair {
+            width: WIDTH.into(),
+            height: HEIGHT as usize,
+            left: Vec::new(),
+            right: Vec::new(),
+        };
+        for _ in 0..HEIGHT {
+            let (mut left, mut right) = (vec![0; bytes], vec![0; bytes]);
+            lines.read_pair(&mut left, &mut right).unwrap();
+            pair.left.extend(left);
+            pair.right.extend(right);
+        }
+        if format == PixelFormat::Rgb888 {
+            assert!(&pair.left == left.as_raw() && &pair.right == right.as_raw());
+        }
+        let expected = pair.stream(&config, Portable);
+        let fault = scripted(1, HEIGHT / 2, FaultKind::LostSync);
+        let camera = FaultyCamera::new(camera(HEIGHT, Layout::SideBySide, format), [fault]);
+        with_session(&config, camera, FrameCollector::new(), |mut session| {
+            run_until(&mut session, 2, &expected);
+        });
+    }
+}
+
+#[test]
 fn grey_images_reach_the_matcher_unchanged_in_every_lossless_format() {
     let config = config();
     let (left, right) = colours(HEIGHT);
@@ -356,6 +411,7 @@ fn grey_images_reach_the_matcher_unchanged_in_every_lossless_format() {
         let view = |image: &GrayImage| DynamicImage::from(image.clone());
         let (left, right) = (view(&left), view(&right));
         let camera = SimulatedCamera::new(left, right, Layout::Separate, format).unwrap();
+        let config = config_in(format);
         with_session(&config, camera, FrameCollector::new(), |mut session| {
             session.run_frame().unwrap();
             let frame = session.sink_mut().take_frame().unwrap();
@@ -643,13 +699,19 @@ fn what_does_not_fit_is_refused() {
         let matcher = Matcher::new(config, Portable, &mut memory).unwrap();
         Session::new(camera, matcher, FrameCollector::new(), &mut lines).map(|_| ())
     };
-    assert_eq!(refusal(&config(), 0), Ok(()));
-    assert!(matches!(
-        refusal(&config(), 1),
-        Err(SessionError::Memory(_))
-    ));
+    let rgb = || config_in(PixelFormat::Rgb888);
+    assert_eq!(refusal(&rgb(), 0), Ok(()));
+    assert!(matches!(refusal(&rgb(), 1), Err(SessionError::Memory(_))));
 
-    let mut other = config();
+    for matcher in [PixelFormat::Grey8, PixelFormat::Rgb565, PixelFormat::Yuv422] {
+        let expected = SessionError::Format {
+            camera: PixelFormat::Rgb888,
+            matcher,
+        };
+        assert_eq!(refusal(&config_in(matcher), 0), Err(expected));
+    }
+
+    let mut other = rgb();
     other.width = WIDTH + 1;
     let expected = SessionError::Width {
         camera_px: WIDTH,
@@ -657,7 +719,7 @@ fn what_does_not_fit_is_refused() {
     };
     assert_eq!(refusal(&other, 0), Err(expected));
 
-    let mut other = config();
+    let mut other = rgb();
     other.region.y = HEIGHT;
     let expected = SessionError::Height {
         camera_lines: HEIGHT,

@@ -3,7 +3,8 @@
 use proptest::prelude::*;
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
-use vgstereo_core::config::{Config, Parameters, Region};
+use vgstereo_core::camera::PixelFormat;
+use vgstereo_core::config::{Config, Method, Parameters, Recall, Region};
 use vgstereo_core::disparity::{DisparityRange, INVALID, Reference, px_to_q4};
 use vgstereo_core::kernel::Portable;
 use vgstereo_core::matching::TieBreak;
@@ -17,16 +18,20 @@ use vgstereo_tests::{Pair, oracle};
 /// More disparities than any size below has columns.
 const CAPACITY: usize = 64;
 
+const PLAIN: Recall = Recall {
+    ties: TieBreak::Lowest,
+    candidates: 1,
+    vote_passes: 0,
+    median_reach_px: 0,
+};
+
 fn plain(synapses: u16, sigma_px: f32, support: Support, seed: u64) -> Parameters {
     Parameters {
         synapses,
-        sigma_px,
+        sigmas_px: [sigma_px; 2],
         support,
         seed,
-        ties: TieBreak::Lowest,
-        candidates: 1,
-        vote_passes: 0,
-        median_reach_px: 0,
+        method: Method::Recall(PLAIN),
     }
 }
 
@@ -35,15 +40,7 @@ fn literal<W: Word, const WORDS: usize>(pair: &Pair, config: &Config, own: bool)
     let parameters = &config.parameters;
     let count = usize::from(parameters.synapses);
     let neurons = pair.width * pair.height;
-    let mut stored = vec![[0; 2]; count];
-    let mut generator = Pcg32::seed_from_u64(parameters.seed);
-    Synapses::draw(
-        &mut stored,
-        parameters.sigma_px,
-        parameters.support,
-        &mut generator,
-    )
-    .unwrap();
+    let stored = oracle::offsets(parameters);
     let repeated = stored.repeat(neurons);
     let wiring = if own {
         Wiring::PerNeuron {
@@ -100,11 +97,14 @@ proptest! {
         (pair, disparities) in sized_pair(),
         reference in reference(),
         words in 1_u16..=4,
-        sigma_px in 0.3_f32..10.0,
+        sigmas_px in prop::array::uniform2(0.3_f32..10.0),
         (x_px, y_px) in (0_u8..9, 0_u8..7),
         seed in any::<u64>(),
     ) {
-        let parameters = plain(16 * words, sigma_px, Support { x_px, y_px }, seed);
+        let parameters = Parameters {
+            sigmas_px,
+            ..plain(16 * words, 1.0, Support { x_px, y_px }, seed)
+        };
         let config = Config {
             reference,
             ..Config::new(parameters, pair.width as u16, disparities)
@@ -126,10 +126,12 @@ proptest! {
         seed in any::<u64>(),
     ) {
         let parameters = Parameters {
-            ties: if random_ties { TieBreak::Random { seed } } else { TieBreak::Lowest },
-            candidates,
-            vote_passes,
-            median_reach_px,
+            method: Method::Recall(Recall {
+                ties: if random_ties { TieBreak::Random { seed } } else { TieBreak::Lowest },
+                candidates,
+                vote_passes,
+                median_reach_px,
+            }),
             ..plain(16 * words, 2.0, Support::three_sigma(2.0), seed)
         };
         let config = Config {
@@ -150,7 +152,7 @@ proptest! {
         seed in any::<u64>(),
     ) {
         let parameters = Parameters {
-            ties: TieBreak::Random { seed },
+            method: Method::Recall(Recall { ties: TieBreak::Random { seed }, ..PLAIN }),
             ..plain(32, 2.0, Support::three_sigma(2.0), seed)
         };
         let whole = Config {
@@ -259,9 +261,12 @@ fn extreme_sizes_equal_the_oracle() {
         for reference in [Reference::Left, Reference::Right] {
             let pair = Pair::random(width, height, 9, 5);
             let parameters = Parameters {
-                candidates: 4,
-                vote_passes: 3,
-                median_reach_px: 2,
+                method: Method::Recall(Recall {
+                    candidates: 4,
+                    vote_passes: 3,
+                    median_reach_px: 2,
+                    ..PLAIN
+                }),
                 ..plain(48, 4.0, Support::three_sigma(4.0), 11)
             };
             let disparities = DisparityRange::up_to(width as u16 - 1);
@@ -278,6 +283,51 @@ fn extreme_sizes_equal_the_oracle() {
                     "{width}x{height}, {reference:?}, {}",
                     kernels.name()
                 );
+            }
+        }
+    }
+}
+
+/// The paper's method looks at grey: lines of colour go in as they are.
+#[test]
+fn colour_is_matched_by_its_luma() {
+    let parameters = Parameters {
+        method: Method::Recall(Recall {
+            candidates: 4,
+            vote_passes: 2,
+            median_reach_px: 1,
+            ..PLAIN
+        }),
+        ..plain(64, 2.0, Support::three_sigma(2.0), 3)
+    };
+    for format in PixelFormat::ALL {
+        for width in [1, 2, 37] {
+            let pair = Pair::random_in(format, width, 9, 256, 12);
+            let luma = |view: &[u8]| {
+                let mut grey = vec![0; view.len() / format.bytes_per_pixel()];
+                format.luma(view, &mut grey);
+                grey
+            };
+            let grey = Pair {
+                left: luma(&pair.left),
+                right: luma(&pair.right),
+                ..pair
+            };
+            let config = Config::new(
+                parameters,
+                width as u16,
+                DisparityRange::up_to(width as u16 - 1),
+            );
+            let expected = oracle::match_whole(&grey, &config);
+            let coloured = Config { format, ..config };
+            for kernels in HostKernels::available() {
+                let map = pair.stream_with_confidences(&coloured, kernels);
+                assert_eq!(map.disparities_q4, expected, "{format:?}, {width}");
+                let sure = map
+                    .disparities_q4
+                    .iter()
+                    .map(|&d| if d == INVALID { 0 } else { 255 });
+                assert!(map.confidences.iter().copied().eq(sure));
             }
         }
     }
@@ -354,9 +404,12 @@ fn pixels_without_a_match_inside_are_invalid() {
             count: 4,
         };
         let parameters = Parameters {
-            candidates: 3,
-            vote_passes: 2,
-            median_reach_px: 1,
+            method: Method::Recall(Recall {
+                candidates: 3,
+                vote_passes: 2,
+                median_reach_px: 1,
+                ..PLAIN
+            }),
             ..plain(32, 2.0, Support::three_sigma(2.0), 1)
         };
         let config = Config {

@@ -60,11 +60,9 @@ impl PixelFormat {
                 }
             }
             Self::Rgb565 => {
-                for (grey, &[high, low]) in grey.iter_mut().zip(line.as_chunks().0) {
-                    let red = high & 0xf8;
-                    let green = (high << 5) | ((low >> 3) & 0x1c);
-                    let blue = low << 3;
-                    *grey = luma_bt601(red | red >> 5, green | green >> 6, blue | blue >> 5);
+                for (grey, &pixel) in grey.iter_mut().zip(line.as_chunks().0) {
+                    let [red, green, blue] = widen_rgb565(pixel);
+                    *grey = luma_bt601(red, green, blue);
                 }
             }
             Self::Yuv422 => {
@@ -74,6 +72,55 @@ impl PixelFormat {
             }
         }
     }
+}
+
+impl PixelFormat {
+    /// Takes one channel of a line: red is 0, green 1, blue 2, 8 bits each; grey has three
+    /// times the same. YUV is converted with BT.601's full-range coefficients in 1/64.
+    ///
+    /// Of a line and a row of different lengths, the common pixels are converted.
+    pub fn channel(self, line: &[u8], channel: usize, row: &mut [u8]) {
+        let pick = |pixel: [u8; 3]| pixel.get(channel).copied().unwrap_or(0);
+        match self {
+            Self::Grey8 => {
+                for (level, &grey) in row.iter_mut().zip(line) {
+                    *level = grey;
+                }
+            }
+            Self::Rgb888 => {
+                for (level, &pixel) in row.iter_mut().zip(line.as_chunks().0) {
+                    *level = pick(pixel);
+                }
+            }
+            Self::Rgb565 => {
+                for (level, &pixel) in row.iter_mut().zip(line.as_chunks().0) {
+                    *level = pick(widen_rgb565(pixel));
+                }
+            }
+            Self::Yuv422 => {
+                let chromas = line.as_chunks::<4>().0.iter().map(|&[_, u, _, v]| [u, v]);
+                let mut chromas = chromas.flat_map(|chroma| [chroma; 2]);
+                let mut chroma = [128_u8; 2];
+                for (level, &[luma, _]) in row.iter_mut().zip(line.as_chunks().0) {
+                    // A line of odd width ends without a V: its last pixel has the one before.
+                    chroma = chromas.next().unwrap_or(chroma);
+                    let [u, v] = chroma.map(|c| i32::from(c) - 128);
+                    let shift =
+                        |offset: i32| (i32::from(luma) + ((offset + 32) >> 6)).clamp(0, 255) as u8;
+                    *level = pick([shift(90 * v), shift(-22 * u - 46 * v), shift(113 * u)]);
+                }
+            }
+        }
+    }
+}
+
+/// 5, 6 and 5 bits to 8, by repeating the high bits.
+#[inline]
+fn widen_rgb565([high, low]: [u8; 2]) -> [u8; 3] {
+    let red = high & 0xf8;
+    let green = (high << 5) | ((low >> 3) & 0x1c);
+    let blue = low << 3;
+    [red | red >> 5, green | green >> 6, blue | blue >> 5]
 }
 
 /// 0.299, 0.587 and 0.114 in 1/256; they sum to 256.

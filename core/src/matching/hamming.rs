@@ -6,7 +6,7 @@ use crate::minchinton::{PatternRow, Planes};
 pub const LANES: usize = PatternRow::SLACK;
 
 /// Planes summed in 8 bits before the sum is widened: 16 planes differ in at most 128 cells.
-const PLANES_PER_SUM: usize = 16;
+pub(super) const PLANES_PER_SUM: usize = 16;
 
 /// A distance no pattern has: it loses against every real one.
 pub const NO_DISTANCE: i16 = i16::MAX;

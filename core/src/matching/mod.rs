@@ -6,12 +6,20 @@
 //! mirrored when the reference is the left one), the memory of a whole row of neurons
 //! is one [`PatternRow`](crate::minchinton::PatternRow).
 
+mod cost;
+mod exposure;
 mod hamming;
+mod mask;
 mod row;
+mod sampler;
+mod surface;
 mod winner;
 
+pub use cost::{CostRun, MAX_CHANNELS, NO_COST, cost_run, cost_stride};
 pub use hamming::{LANES, NO_DISTANCE, distances};
+pub use mask::{MASK_LANES, MaskBlock, mask_block};
 pub use row::RowMatcher;
+pub use surface::SurfaceMatcher;
 pub use winner::{Nearest, best, nearest, nth_at};
 
 use rand_core::{Rng, SeedableRng};

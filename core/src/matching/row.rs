@@ -1,49 +1,44 @@
 //! The line-streaming half of the matcher: pairs of lines in, rows of candidates out.
 
-use rand_core::SeedableRng;
-use rand_pcg::Pcg32;
-
+use super::sampler::{Sampler, SamplerSize};
 use super::{LANES, RowRecall, TieBreak};
-use crate::config::{Config, ConfigError};
+use crate::config::{Config, ConfigError, Recall};
 use crate::disparity::Reference;
 use crate::kernel::Kernels;
 use crate::memory::{Arena, words};
-use crate::minchinton::PatternRow;
 use crate::strip::{Order, Strip};
-use crate::synapse::{StoredOffset, Synapses};
+use crate::synapse::Synapses;
 
 /// Pairs of lines in, one row of candidate disparities out, `support.y_px` lines later.
 #[derive(Debug)]
 pub struct RowMatcher<'m, K> {
     kernels: K,
-    synapses: Synapses<'m>,
-    reference: Strip<'m>,
-    other: Strip<'m>,
-    inputs: PatternRow<'m>,
-    stored: PatternRow<'m>,
+    sampler: Sampler<'m>,
     distances: &'m mut [i16],
     candidates_px: &'m mut [i16],
+    recall: Recall,
     config: Config,
-    next_row: u32,
 }
 
 impl RowMatcher<'_, ()> {
     /// Words of memory: the first five parts of the table of [`Config::memory_words`].
     #[must_use]
-    pub const fn memory_words(config: &Config) -> usize {
-        let parameters = &config.parameters;
-        let synapses = parameters.synapses as usize;
-        let width = config.width as usize;
+    pub const fn memory_words(config: &Config, recall: &Recall) -> usize {
+        let disparities = config.disparities.count as usize;
         let columns = config.region.width as usize;
-        words(synapses, size_of::<StoredOffset>())
-            + 2 * Strip::memory_words(width, parameters.support)
-            + words(PatternRow::bytes(columns, synapses), 1)
-            + words(PatternRow::bytes(width, synapses), 1)
-            + words(
-                (config.disparities.count as usize).next_multiple_of(LANES),
-                size_of::<i16>(),
-            )
-            + words(parameters.candidates as usize * columns, size_of::<i16>())
+        Sampler::memory_words(config, Self::sampler_size(config))
+            + words(disparities.next_multiple_of(LANES), size_of::<i16>())
+            + words(recall.candidates as usize * columns, size_of::<i16>())
+    }
+
+    const fn sampler_size(config: &Config) -> SamplerSize {
+        let support = config.parameters.support;
+        SamplerSize {
+            inputs: config.region.width as usize,
+            stored: config.width as usize,
+            reference_depth: Strip::depth(support),
+            reference_padding: support.x_px as usize,
+        }
     }
 }
 
@@ -52,79 +47,61 @@ impl<'m, K: Kernels> RowMatcher<'m, K> {
     ///
     /// # Errors
     /// [`ConfigError`] when `config` is not valid or the arena is too small.
-    pub fn new(config: &Config, kernels: K, arena: &mut Arena<'m>) -> Result<Self, ConfigError> {
+    pub fn new(
+        config: &Config,
+        recall: &Recall,
+        kernels: K,
+        arena: &mut Arena<'m>,
+    ) -> Result<Self, ConfigError> {
         config.validate()?;
-        let parameters = &config.parameters;
-        let count = usize::from(parameters.synapses);
-        let width = usize::from(config.width);
-        let columns = usize::from(config.region.width);
-        let synapses = Synapses::draw(
-            arena.take(count)?,
-            parameters.sigma_px,
-            parameters.support,
-            &mut Pcg32::seed_from_u64(parameters.seed),
-        )?;
         // Rising disparities must be rising positions: see the module above.
         let other_order = match config.reference {
             Reference::Left => Order::Mirrored,
             Reference::Right => Order::Columns,
         };
-        let support = parameters.support;
+        let size = RowMatcher::sampler_size(config);
+        let disparities = usize::from(config.disparities.count);
+        let columns = usize::from(config.region.width);
         Ok(Self {
             kernels,
-            synapses,
-            reference: Strip::new(width, support, Order::Columns, arena)?,
-            other: Strip::new(width, support, other_order, arena)?,
-            inputs: PatternRow::new(columns, count, arena)?,
-            stored: PatternRow::new(width, count, arena)?,
-            distances: arena.take(usize::from(config.disparities.count).next_multiple_of(LANES))?,
-            candidates_px: arena.take(usize::from(parameters.candidates) * columns)?,
+            sampler: Sampler::new(config, size, [Order::Columns, other_order], arena)?,
+            distances: arena.take(disparities.next_multiple_of(LANES))?,
+            candidates_px: arena.take(usize::from(recall.candidates) * columns)?,
+            recall: *recall,
             config: *config,
-            next_row: 0,
         })
     }
 
     /// The offsets drawn.
     #[must_use]
     pub fn synapses(&self) -> Synapses<'m> {
-        self.synapses
+        self.sampler.synapses()
     }
 
     /// Forgets the frame: the next pair is that of line 0.
     pub fn reset(&mut self) {
-        self.reference.clear();
-        self.other.clear();
-        self.next_row = 0;
+        self.sampler.reset();
     }
 
     /// Lines of the frame whose rows are done, those outside the region too.
-    pub(crate) fn next_row(&self) -> u32 {
-        self.next_row
+    pub(crate) fn rows_out(&self) -> u32 {
+        self.sampler.rows_out()
     }
 
     /// Takes the next pair of lines, grey, `width` pixels each. When this completes a
     /// row inside the region of interest, gives its line in the frame; the row is then
     /// [`RowMatcher::candidates_px`].
     pub fn push(&mut self, left: &[u8], right: &[u8]) -> Option<u32> {
-        let (reference, other) = match self.config.reference {
-            Reference::Left => (left, right),
-            Reference::Right => (right, left),
-        };
-        self.reference.push(reference);
-        self.other.push(other);
-        let ready = self.next_row + u32::from(self.config.parameters.support.y_px);
-        if self.reference.lines() > ready {
-            self.advance()
-        } else {
-            None
-        }
+        self.sampler.push(left, right);
+        let line = self.sampler.next_row(false)?;
+        self.recall(line)
     }
 
     /// After the last pair: gives the next of the rows still to come inside the region,
     /// `None` when there are no more.
     pub fn flush(&mut self) -> Option<u32> {
-        while self.next_row < self.reference.lines() {
-            if let Some(line) = self.advance() {
+        while let Some(line) = self.sampler.next_row(true) {
+            if let Some(line) = self.recall(line) {
                 return Some(line);
             }
         }
@@ -138,9 +115,7 @@ impl<'m, K: Kernels> RowMatcher<'m, K> {
         self.candidates_px
     }
 
-    fn advance(&mut self) -> Option<u32> {
-        let line = self.next_row;
-        self.next_row += 1;
+    fn recall(&mut self, line: u32) -> Option<u32> {
         let region = &self.config.region;
         if !region.contains_line(line) {
             return None;
@@ -148,15 +123,6 @@ impl<'m, K: Kernels> RowMatcher<'m, K> {
         let columns = usize::from(region.width);
         let column = usize::from(region.x);
         let width = usize::from(self.config.width);
-        let parameters = &self.config.parameters;
-        self.inputs.observe(
-            &self.reference,
-            &self.synapses,
-            line,
-            column,
-            columns,
-            &self.kernels,
-        );
         // The minimum and the column fit `i16` and `u16`, and so `isize` with room.
         let minimum = self.config.disparities.minimum_px as isize;
         let (first, step) = match self.config.reference {
@@ -165,25 +131,20 @@ impl<'m, K: Kernels> RowMatcher<'m, K> {
         };
         let disparities = usize::from(self.config.disparities.count);
         let used = used_positions(first, step, columns, disparities, width);
-        self.stored.observe(
-            &self.other,
-            &self.synapses,
-            line,
-            used.start,
-            used.len(),
-            &self.kernels,
-        );
+        let inputs = column..column + columns;
+        self.sampler
+            .observe(line, inputs, used.clone(), &self.kernels);
         let row = RowRecall {
-            inputs: self.inputs.planes(),
+            inputs: self.sampler.inputs.planes(),
             count: columns,
-            stored: self.stored.planes(),
+            stored: self.sampler.stored.planes(),
             stored_count: used.len(),
             first: first - used.start as isize,
             step,
             minimum_px: self.config.disparities.minimum_px,
             disparities,
-            candidates: usize::from(parameters.candidates),
-            ties: parameters.ties,
+            candidates: usize::from(self.recall.candidates),
+            ties: self.recall.ties,
             line,
             column: u32::from(region.x),
         };

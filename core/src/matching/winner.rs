@@ -17,33 +17,19 @@ pub struct Nearest {
 #[inline(always)]
 #[must_use]
 pub fn nearest(distances: &[i16]) -> Nearest {
-    let blocks = distances.as_chunks::<LANES>().0;
-    let mut smallest = [NO_DISTANCE; LANES];
-    for block in blocks {
-        for (least, &distance) in smallest.iter_mut().zip(block) {
-            *least = (*least).min(distance);
-        }
-    }
-    let distance = smallest.iter().fold(NO_DISTANCE, |a, &b| a.min(b));
-    // Each lane counts its ties and keeps the first block that has one.
-    let mut ties = [0_i16; LANES];
-    let mut firsts = [i16::MAX; LANES];
-    for (block, index) in blocks.iter().zip(0_i16..) {
-        for ((tie, first), &other) in ties.iter_mut().zip(&mut firsts).zip(block) {
-            let equal = other == distance;
-            *tie += i16::from(equal);
-            *first = (*first).min(if equal { index } else { i16::MAX });
-        }
-    }
-    let mut first = i32::MAX;
-    for (&block, lane) in firsts.iter().zip(0_i32..) {
-        first = first.min(i32::from(block) * LANES as i32 + lane);
+    // Reductions over the run, each of which becomes vector code.
+    let distance = distances.iter().fold(NO_DISTANCE, |a, &b| a.min(b));
+    let mut ties = 0_i16;
+    let mut first = i16::MAX;
+    for (&other, index) in distances.iter().zip(0_i16..) {
+        ties += i16::from(other == distance);
+        first = first.min(if other == distance { index } else { i16::MAX });
     }
     Nearest {
         distance,
-        // Not negative: the product of two that are not.
+        // Neither is negative.
         first: first as usize,
-        ties: ties.iter().map(|&tie| tie as usize).sum(),
+        ties: ties as usize,
     }
 }
 

@@ -222,11 +222,14 @@ impl Demo {
         let mut camera = SimulatedCamera::new(left, right, self.layout.into(), self.pixels.into())?;
         let geometry = camera.geometry();
         let parameters = preset.parameters();
-        let config = Config::new(
-            parameters,
-            geometry.width,
-            DisparityRange::up_to(scene.d_max),
-        );
+        let config = Config {
+            format: geometry.format,
+            ..Config::new(
+                parameters,
+                geometry.width,
+                DisparityRange::up_to(scene.d_max),
+            )
+        };
         let mut matcher_memory = vec![0; config.memory_words()];
         let mut line_memory = vec![0; session::memory_words(&geometry)];
         let matcher = Matcher::new(&config, HostKernels::fastest(), &mut matcher_memory)?;

@@ -5,19 +5,19 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use serde::Serialize;
-use vgstereo_core::config::Config;
+use vgstereo_core::config::{Config, Parameters};
 use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::preset::Preset;
 
-use super::{Overrides, kib, parse_preset, percent, progress_bar, table, width_of};
+use super::{Overrides, kib, parse_preset, percent, progress_bar, table, views_of};
 use crate::dataset::{ensure_distinct, find_scenes, load_scene};
 use crate::files::{make_folder, write_png};
-use crate::frame::{GreyPair, Matched, match_frame};
-use crate::grey::grey;
+use crate::frame::{Matched, match_frame};
 use crate::kernels::HostKernels;
 use crate::metrics::{BadPixels, mean};
 use crate::pictures::{colour_disparities, error_map};
 use crate::scene::Scene;
+use crate::views::Views;
 
 /// The paper's results (its Table 2): nonocc, all, disc in percent.
 const PUBLISHED: [(&str, [f64; 3]); 4] = [
@@ -48,6 +48,9 @@ pub struct Eval {
     /// Repeat with each of these seeds, separated by commas, and report the spread.
     #[arg(long, value_name = "N,N", value_delimiter = ',', conflicts_with_all = ["seed", "json"])]
     seeds: Vec<u64>,
+    /// Match the grey of colour images.
+    #[arg(long)]
+    grey: bool,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -93,36 +96,25 @@ struct SceneReport {
 /// A scene ready to be matched.
 pub(super) struct Prepared {
     pub(super) scene: Scene,
-    left: Vec<u8>,
-    right: Vec<u8>,
-    width: u16,
+    views: Views,
 }
 
 impl Prepared {
-    /// Loads a scene and converts it to grey.
-    pub(super) fn load(folder: &Path) -> Result<Self> {
+    /// Loads a scene; in grey when asked for.
+    pub(super) fn load(folder: &Path, grey: bool) -> Result<Self> {
         let scene = load_scene(folder)?;
-        Ok(Self {
-            left: grey(&scene.left),
-            right: grey(&scene.right),
-            width: width_of(&scene.left).with_context(|| folder.display().to_string())?,
-            scene,
-        })
+        let views = views_of(&scene.left, &scene.right, grey)
+            .with_context(|| folder.display().to_string())?;
+        Ok(Self { scene, views })
     }
 
     /// Matches it.
-    pub(super) fn matched(
-        &self,
-        parameters: vgstereo_core::config::Parameters,
-        threads: usize,
-    ) -> Result<Matched> {
-        let config = Config::new(parameters, self.width, self.disparities());
-        let pair = GreyPair {
-            left: &self.left,
-            right: &self.right,
-            width: self.width,
+    pub(super) fn matched(&self, parameters: Parameters, threads: usize) -> Result<Matched> {
+        let config = Config {
+            format: self.views.format,
+            ..Config::new(parameters, self.views.width, self.disparities())
         };
-        match_frame(&config, pair, HostKernels::fastest(), threads)
+        match_frame(&config, &self.views, HostKernels::fastest(), threads)
             .with_context(|| self.scene.name.clone())
     }
 
@@ -169,7 +161,7 @@ impl Eval {
         let runs = seeds.len() * presets.len();
         let mut reports: Vec<Vec<SceneReport>> = (0..runs).map(|_| Vec::new()).collect();
         for folder in &folders {
-            let prepared = Prepared::load(folder)?;
+            let prepared = Prepared::load(folder, self.grey)?;
             let runs = seeds
                 .iter()
                 .flat_map(|seed| presets.iter().map(move |p| (seed, p)));

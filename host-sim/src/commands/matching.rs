@@ -10,11 +10,10 @@ use vgstereo_core::config::Config;
 use vgstereo_core::disparity::{DisparityRange, Reference};
 use vgstereo_core::preset::Preset;
 
-use super::{Overrides, kib, milliseconds, parse_preset, width_of};
+use super::{Overrides, kib, milliseconds, parse_preset, views_of};
 use crate::disparity_files::DisparityFormat;
 use crate::files::{encode, read_image, write_files};
-use crate::frame::{GreyPair, match_frame};
-use crate::grey::grey;
+use crate::frame::match_frame;
 use crate::kernels::HostKernels;
 use crate::pictures::colour_disparities;
 
@@ -61,6 +60,9 @@ pub struct Match {
     /// Also write the map in colours, as PNG.
     #[arg(long, value_name = "FILE")]
     color: Option<PathBuf>,
+    /// Match the grey of colour images.
+    #[arg(long)]
+    grey: bool,
     /// Threads; the map does not depend on their number.
     #[arg(long, value_name = "N", default_value_t = 1)]
     threads: usize,
@@ -103,7 +105,9 @@ impl Match {
             right.width(),
             right.height()
         );
-        let width = width_of(&left).with_context(|| self.left.display().to_string())?;
+        let views =
+            views_of(&left, &right, self.grey).with_context(|| self.left.display().to_string())?;
+        let width = views.width;
         let disparities = self.disparities(width)?;
         let format = DisparityFormat::choose(&self.out, self.scale, disparities)?;
         let config = Config {
@@ -111,15 +115,10 @@ impl Match {
                 View::Left => Reference::Left,
                 View::Right => Reference::Right,
             },
+            format: views.format,
             ..Config::new(self.overrides.apply(self.preset), width, disparities)
         };
-        let (left_grey, right_grey) = (grey(&left), grey(&right));
-        let pair = GreyPair {
-            left: &left_grey,
-            right: &right_grey,
-            width,
-        };
-        let matched = match_frame(&config, pair, HostKernels::fastest(), self.threads)?;
+        let matched = match_frame(&config, &views, HostKernels::fastest(), self.threads)?;
         let map = &matched.disparities_q4;
         let mut files = vec![(self.out.as_path(), format.encode(map, width.into())?)];
         if let Some(path) = &self.color {

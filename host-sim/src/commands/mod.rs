@@ -2,13 +2,15 @@
 
 use std::time::Duration;
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
 use comfy_table::{CellAlignment, Table, presets};
 use image::RgbImage;
 use indicatif::{ProgressBar, ProgressStyle};
 use vgstereo_core::config::Parameters;
 use vgstereo_core::preset::Preset;
+
+use crate::views::Views;
 
 pub mod demo;
 pub mod eval;
@@ -98,12 +100,10 @@ fn parse_preset(name: &str) -> Result<Preset, String> {
         .map_err(|error: vgstereo_core::preset::UnknownPreset| error.to_string())
 }
 
-/// The width of an image as the core counts it.
-fn width_of(image: &RgbImage) -> Result<u16> {
-    match u16::try_from(image.width()) {
-        Ok(width) => Ok(width),
-        Err(_) => bail!("images are at most {} px wide", u16::MAX),
-    }
+/// The lines of a pair of images, in grey when asked for.
+fn views_of(left: &RgbImage, right: &RgbImage, grey: bool) -> Result<Views> {
+    Views::new(left, right, grey)
+        .with_context(|| format!("images are at most {} px wide", u16::MAX))
 }
 
 /// A bar for long work, on standard error, and only where a person looks on.

@@ -2,9 +2,9 @@
 
 use anyhow::{Result, ensure};
 use clap::Args;
+use vgstereo_core::camera::PixelFormat;
 use vgstereo_core::config::Config;
 use vgstereo_core::disparity::DisparityRange;
-use vgstereo_core::matching::TieBreak;
 use vgstereo_core::preset::Preset;
 
 use super::{kib, table};
@@ -40,38 +40,33 @@ impl Presets {
                 "synapses",
                 "sigma px",
                 "reach px",
-                "ties",
-                "vote passes",
-                "median px",
                 "KiB",
+                "KiB in colour",
                 "latency lines",
             ],
             2,
         );
         for preset in Preset::ALL {
             let parameters = preset.parameters();
-            let config = Config::new(parameters, self.width, disparities);
-            let or_none = |value: u8, text: String| if value == 0 { "-".to_owned() } else { text };
-            let median = 2 * parameters.median_reach_px + 1;
+            let grey = Config::new(parameters, self.width, disparities);
+            let colour = Config {
+                format: PixelFormat::Rgb888,
+                ..grey
+            };
+            let bytes = |config: &Config| kib(config.memory_words() * size_of::<u32>());
+            let [near, far] = parameters.sigmas_px;
             table.add_row([
                 preset.name().to_owned(),
                 preset.summary().to_owned(),
                 parameters.synapses.to_string(),
-                parameters.sigma_px.to_string(),
-                format!("{}, {}", parameters.support.x_px, parameters.support.y_px),
-                match parameters.ties {
-                    TieBreak::Lowest => "lowest".to_owned(),
-                    TieBreak::Random { .. } => "random".to_owned(),
+                if near == far {
+                    near.to_string()
+                } else {
+                    format!("{near}, {far}")
                 },
-                or_none(
-                    parameters.vote_passes,
-                    format!(
-                        "{} of {} best",
-                        parameters.vote_passes, parameters.candidates
-                    ),
-                ),
-                or_none(parameters.median_reach_px, format!("{median}x{median}")),
-                kib(config.memory_words() * size_of::<u32>()),
+                format!("{}, {}", parameters.support.x_px, parameters.support.y_px),
+                bytes(&grey),
+                bytes(&colour),
                 parameters.latency_lines().to_string(),
             ]);
         }

@@ -92,7 +92,7 @@ impl Sweep {
         ensure_distinct("sigma", &self.sigma)?;
         let scenes: Vec<Prepared> = find_scenes(&self.dir, &self.scenes)?
             .iter()
-            .map(|folder| Prepared::load(folder))
+            .map(|folder| Prepared::load(folder, false))
             .collect::<Result<_>>()?;
         let grid: Vec<(&Prepared, u16, f32)> = scenes
             .iter()

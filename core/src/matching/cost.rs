@@ -1,0 +1,155 @@
+//! Matching costs of a row: masked Hamming distance and difference of levels.
+//!
+//! The cost of a pixel at a disparity is the share of its pattern's cells that differ
+//! from the other view's pattern there, of those cells that count, scaled and truncated;
+//! plus the truncated difference of the levels, weighted.
+
+use super::hamming::{LANES, PLANES_PER_SUM};
+use crate::minchinton::Planes;
+
+/// Cost of a disparity beyond the range searched: it loses against every other.
+pub const NO_COST: u8 = u8::MAX;
+
+/// Most channels of a pixel.
+pub const MAX_CHANNELS: usize = 3;
+
+/// A run of pixels to compute the costs of.
+#[derive(Debug, Clone, Copy)]
+pub struct CostRun<'a> {
+    /// Pixel of the row that the run begins with.
+    pub start: usize,
+    /// Patterns of the reference view's row.
+    pub inputs: Planes<'a>,
+    /// Cells that count, pixel `start` first, as many planes; without planes, all do.
+    pub masks: Planes<'a>,
+    /// Per pixel of the run, the cost of one differing cell, 1/256; times the number of cells that
+    /// count, less than 2^16 - 128.
+    pub cell_costs_q8: &'a [u16],
+    /// Patterns of the other view, readable for all disparities of all pixels.
+    pub stored: Planes<'a>,
+    /// Position in `stored` and the levels of the lowest disparity of pixel `start`; of
+    /// the pixel after it one less, and so on.
+    pub first_position: usize,
+    /// Number of disparities.
+    pub disparities: usize,
+    /// Largest cost of the patterns.
+    pub hamming_truncation: u8,
+    /// Channels of the reference view, one level per pixel each.
+    pub levels: [&'a [u8]; MAX_CHANNELS],
+    /// Levels of the other view by stored position, less the dead zone.
+    pub other_low: [&'a [u8]; MAX_CHANNELS],
+    /// The same, more the dead zone: a level between the two does not differ.
+    pub other_high: [&'a [u8]; MAX_CHANNELS],
+    /// Channels in use: 1 or 3.
+    pub channels: usize,
+    /// Largest difference of levels that counts.
+    pub difference_truncation: u8,
+    /// Cost of a difference of one level, 1/16; 0 leaves the levels out.
+    pub difference_weight_q4: u8,
+}
+
+/// Costs of one disparity to the next pixel's: the number of disparities, rounded up.
+#[must_use]
+pub const fn cost_stride(disparities: usize) -> usize {
+    disparities.next_multiple_of(LANES)
+}
+
+/// Writes the costs of every pixel of `run`: `cost_stride` bytes per pixel, those beyond
+/// the range [`NO_COST`]. Inlined so that a caller may compile it for its own
+/// instruction set.
+#[inline(always)]
+pub fn cost_run(row: &CostRun<'_>, costs: &mut [u8]) {
+    let stride = cost_stride(row.disparities);
+    for (x, (costs, &cell_cost)) in costs
+        .chunks_exact_mut(stride)
+        .zip(row.cell_costs_q8)
+        .enumerate()
+    {
+        let first = row.first_position.saturating_sub(x);
+        let mut at = first;
+        let (blocks, rest) = costs.as_chunks_mut::<{ 4 * LANES }>();
+        for block in blocks {
+            *block = cost_block(row, x, at, cell_cost);
+            at += block.len();
+        }
+        let (blocks, rest) = rest.as_chunks_mut::<{ 2 * LANES }>();
+        for block in blocks {
+            *block = cost_block(row, x, at, cell_cost);
+            at += block.len();
+        }
+        for block in rest.as_chunks_mut::<LANES>().0 {
+            *block = cost_block(row, x, at, cell_cost);
+            at += block.len();
+        }
+        if let Some(beyond) = costs.get_mut(row.disparities..) {
+            beyond.fill(NO_COST);
+        }
+    }
+}
+
+#[inline(always)]
+fn cost_block<'a, const N: usize>(
+    row: &CostRun<'a>,
+    x: usize,
+    first: usize,
+    cell_cost_q8: u16,
+) -> [u8; N] {
+    let mut differing = [0_u16; N];
+    let (mut input_at, mut mask_at, mut stored_at) = (row.start + x, x, first);
+    let mut left = row.inputs.count;
+    while left > 0 {
+        let group = left.min(PLANES_PER_SUM);
+        left -= group;
+        let mut sums = [0_u8; N];
+        for _ in 0..group {
+            if let Some(&byte) = row.inputs.bytes.get(input_at)
+                && let Some(run) = row.stored.bytes.get(stored_at..)
+                && let Some(run) = run.first_chunk::<N>()
+            {
+                let mask = row.masks.bytes.get(mask_at).copied().unwrap_or(u8::MAX);
+                for (sum, &other) in sums.iter_mut().zip(run) {
+                    // At most 8 per plane.
+                    *sum += ((byte ^ other) & mask).count_ones() as u8;
+                }
+            }
+            input_at += row.inputs.stride;
+            mask_at += row.masks.stride;
+            stored_at += row.stored.stride;
+        }
+        for (total, &sum) in differing.iter_mut().zip(&sums) {
+            *total += u16::from(sum);
+        }
+    }
+    let mut costs = [0_u8; N];
+    let truncation = u16::from(row.hamming_truncation);
+    for (cost, &cells) in costs.iter_mut().zip(&differing) {
+        // With the rounding less than 2^16.
+        *cost = (((cells * cell_cost_q8 + 128) >> 8).min(truncation)) as u8;
+    }
+    if row.difference_weight_q4 > 0 {
+        let mut differences = [0_u16; N];
+        let others = row.other_low.iter().zip(row.other_high);
+        for (levels, (low, high)) in row.levels.iter().zip(others).take(row.channels) {
+            let run = |levels: &'a [u8]| levels.get(first..)?.first_chunk::<N>();
+            let (Some(&level), Some(low), Some(high)) =
+                (levels.get(row.start + x), run(low), run(high))
+            else {
+                continue;
+            };
+            for ((difference, &low), &high) in differences.iter_mut().zip(low).zip(high) {
+                // One of the two is 0.
+                *difference += u16::from(level.saturating_sub(high) | low.saturating_sub(level));
+            }
+        }
+        // The mean of three channels: 85 / 256 is a third.
+        let mean_q8 = if row.channels == 1 { 256_u32 } else { 85 };
+        let truncation = u32::from(row.difference_truncation);
+        let weight = u32::from(row.difference_weight_q4);
+        for (cost, &difference) in costs.iter_mut().zip(&differences) {
+            let mean = ((u32::from(difference) * mean_q8) >> 8).min(truncation);
+            // The configuration bounds the sum of both terms to 8 bits.
+            *cost = cost.saturating_add(((mean * weight) >> 4) as u8);
+        }
+    }
+    costs
+}

@@ -1,0 +1,165 @@
+//! Exposure: what the other camera's levels are in the reference camera's.
+//!
+//! Two cameras expose differently. The matches of the lines above tell by which gain and
+//! offset, channel by channel, and how far matched levels still differ. Levels of the
+//! next line of the other view are converted with them, and differ only outside a dead
+//! zone of what is usual.
+
+use super::cost::MAX_CHANNELS;
+
+/// Matches that must be known before anything is concluded from them.
+const MATCHES_MIN: u32 = 64;
+/// Lines that must be known before the levels count fully.
+const LINES_MIN: u32 = 3;
+/// Gain of 1.
+const GAIN_ONE: i32 = 1 << 12;
+
+/// Sums over matches, those of older lines less and less.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    reference: u32,
+    other: u32,
+    reference_squares: u64,
+    other_squares: u64,
+    residuals: u32,
+}
+
+/// The conversion of one channel.
+#[derive(Debug, Clone, Copy)]
+struct Conversion {
+    gain_q12: i32,
+    offset_q12: i32,
+}
+
+impl Conversion {
+    const IDENTITY: Self = Self {
+        gain_q12: GAIN_ONE,
+        offset_q12: 0,
+    };
+
+    fn apply(self, level: u8) -> u8 {
+        let converted = (self.gain_q12 * i32::from(level) + self.offset_q12 + (1 << 11)) >> 12;
+        converted.clamp(0, 255) as u8
+    }
+}
+
+/// The running estimate.
+#[derive(Debug)]
+pub(super) struct Exposure {
+    sums: [Sums; MAX_CHANNELS],
+    matches: u32,
+    lines: u32,
+    conversions: [Conversion; MAX_CHANNELS],
+    dead_zone: u8,
+}
+
+impl Exposure {
+    pub(super) const fn new() -> Self {
+        Self {
+            sums: [Sums {
+                reference: 0,
+                other: 0,
+                reference_squares: 0,
+                other_squares: 0,
+                residuals: 0,
+            }; MAX_CHANNELS],
+            matches: 0,
+            lines: 0,
+            conversions: [Conversion::IDENTITY; MAX_CHANNELS],
+            dead_zone: 0,
+        }
+    }
+
+    /// Whether enough is known for levels to count fully.
+    pub(super) fn is_known(&self) -> bool {
+        self.lines >= LINES_MIN && self.matches >= MATCHES_MIN
+    }
+
+    /// Converts levels of the other view: less and more the dead zone.
+    pub(super) fn convert(&self, channel: usize, levels: &[u8], low: &mut [u8], high: &mut [u8]) {
+        let conversion = self
+            .conversions
+            .get(channel)
+            .copied()
+            .unwrap_or(Conversion::IDENTITY);
+        for ((&level, low), high) in levels.iter().zip(low).zip(high) {
+            let converted = conversion.apply(level);
+            // A level at the end of its range may have been beyond it.
+            *low = if level == 0 {
+                0
+            } else {
+                converted.saturating_sub(self.dead_zone)
+            };
+            *high = if level == u8::MAX {
+                level
+            } else {
+                converted.saturating_add(self.dead_zone)
+            };
+        }
+    }
+
+    /// Lets the sums of the lines above fade, before the matches of a line.
+    pub(super) fn begin_line(&mut self) {
+        for sums in &mut self.sums {
+            sums.reference -= sums.reference >> 4;
+            sums.other -= sums.other >> 4;
+            sums.reference_squares -= sums.reference_squares >> 4;
+            sums.other_squares -= sums.other_squares >> 4;
+            sums.residuals -= sums.residuals >> 4;
+        }
+        self.matches -= self.matches >> 4;
+    }
+
+    /// Counts a match whose levels `levels` yields, channel by channel, reference first.
+    /// A match with a level at the end of the range tells nothing.
+    pub(super) fn add(&mut self, levels: impl Iterator<Item = (u8, u8)> + Clone) {
+        let ends = [0, u8::MAX];
+        if levels
+            .clone()
+            .any(|(a, b)| ends.contains(&a) || ends.contains(&b))
+        {
+            return;
+        }
+        self.matches += 1;
+        let channels = self.sums.iter_mut().zip(&self.conversions);
+        for ((sums, conversion), (reference, other)) in channels.zip(levels) {
+            sums.reference += u32::from(reference);
+            sums.other += u32::from(other);
+            sums.reference_squares += u64::from(reference) * u64::from(reference);
+            sums.other_squares += u64::from(other) * u64::from(other);
+            sums.residuals += u32::from(reference.abs_diff(conversion.apply(other)));
+        }
+    }
+
+    /// Concludes from the sums, after the matches of a line. Divisions are per line.
+    pub(super) fn end_line(&mut self, channels: usize) {
+        self.lines += 1;
+        let count = self.matches;
+        if count < MATCHES_MIN {
+            return;
+        }
+        let mut residuals = 0_u64;
+        for (sums, conversion) in self.sums.iter().zip(&mut self.conversions).take(channels) {
+            let n = u64::from(count);
+            // n^2 times the deviation, a little more than 0 so that flat lines have gain 1.
+            let deviation = |sum: u32, squares: u64| {
+                let spread = (n * squares).saturating_sub(u64::from(sum) * u64::from(sum));
+                (spread + 4 * n * n).isqrt()
+            };
+            let reference = deviation(sums.reference, sums.reference_squares);
+            let other = deviation(sums.other, sums.other_squares);
+            let gain = ((reference << 12) / other.max(1)).clamp(1 << 10, 1 << 14);
+            // The gain is at most 4, levels 255: the offset is well within 32 bits.
+            let offset = ((i64::from(sums.reference) << 12) - gain as i64 * i64::from(sums.other))
+                .div_euclid(i64::from(count));
+            *conversion = Conversion {
+                gain_q12: gain as i32,
+                offset_q12: offset as i32,
+            };
+            residuals += u64::from(sums.residuals);
+        }
+        let mean_q4 = residuals * 16 / (u64::from(count) * channels.max(1) as u64);
+        // 1.25 times the mean: about what separates the usual from the unusual.
+        self.dead_zone = ((mean_q4 * 20) >> 8).min(255) as u8;
+    }
+}

@@ -1,0 +1,159 @@
+//! Don't-care cells: of a pixel's cells, those on the surface that the pixel is on.
+//!
+//! A cell whose two samples look like the pixel in the middle is likely on its surface,
+//! and moves with it from view to view; one across an edge is not. The likeness of a cell
+//! is the larger difference of its two samples from the middle, summed over the channels.
+//! The smallest threshold that keeps the wanted number of cells is taken, but not below a
+//! floor; the cells within it count.
+
+use crate::minchinton::CELLS_PER_BYTE;
+
+/// Pixels whose masks are made side by side.
+pub const MASK_LANES: usize = 32;
+
+/// A block of pixels to find masks of. Rows have one byte per pixel of the block; all
+/// pixels of a row are treated side by side.
+#[derive(Debug)]
+pub struct MaskBlock<'a> {
+    /// Differences of the samples from their pixels, a row per synapse; overwritten.
+    pub differences: &'a mut [u8],
+    /// Pixels of the block, at most [`MASK_LANES`].
+    pub lanes: usize,
+    /// Cells to keep at least.
+    pub kept: u16,
+    /// Threshold that is taken at least.
+    pub floor: u8,
+    /// Out: the masks, a row per byte of cells.
+    pub masks: &'a mut [u8],
+    /// Out: cells in each mask.
+    pub counts: [u16; MASK_LANES],
+}
+
+/// Finds each pixel's threshold and writes its mask and its number of cells. Inlined so
+/// that a caller may compile it for its own instruction set.
+#[inline(always)]
+pub fn mask_block(block: &mut MaskBlock<'_>) {
+    // Rows are as long as the block says rather than an array: a length that the compiler
+    // does not know keeps the loops over pixels the ones that become vector code.
+    let lanes = block.lanes.clamp(1, MASK_LANES);
+    // A synapse's difference becomes its cell's: the larger of its own and its partner's.
+    let mut first = [0_u8; MASK_LANES];
+    if let (Some(first), Some(row)) = (first.get_mut(..lanes), block.differences.get(..lanes)) {
+        first.copy_from_slice(row);
+    }
+    let mut rest = &mut *block.differences;
+    while let Some((own, after)) = rest.split_at_mut_checked(lanes) {
+        let partner = after
+            .get(..lanes)
+            .or(first.get(..lanes))
+            .unwrap_or_default();
+        for (own, &partner) in own.iter_mut().zip(partner) {
+            *own = (*own).max(partner);
+        }
+        rest = after;
+    }
+    // Bisection, all pixels at once: the smallest threshold that keeps enough cells.
+    let mut low = [0_u8; MASK_LANES];
+    let mut high = [u8::MAX; MASK_LANES];
+    for _ in 0..u8::BITS {
+        let mut middle = [0_u8; MASK_LANES];
+        for lane in 0..MASK_LANES {
+            middle[lane] = low[lane] + ((high[lane] - low[lane]) >> 1);
+        }
+        let counted = count_within(block.differences, lanes, &middle);
+        for lane in 0..MASK_LANES {
+            if counted[lane] >= block.kept {
+                high[lane] = middle[lane];
+            } else {
+                low[lane] = middle[lane].saturating_add(1);
+            }
+        }
+    }
+    for threshold in &mut high {
+        *threshold = (*threshold).max(block.floor);
+    }
+    block.counts = count_within(block.differences, lanes, &high);
+    let rows = block.masks.chunks_exact_mut(lanes);
+    for (mask, cells) in rows.zip(block.differences.chunks(lanes * CELLS_PER_BYTE)) {
+        mask.fill(0);
+        for cell in cells.chunks_exact(lanes).rev() {
+            for ((mask, &cell), &high) in mask.iter_mut().zip(cell).zip(&high) {
+                *mask = *mask << 1 | u8::from(cell <= high);
+            }
+        }
+    }
+}
+
+/// How many cells of each pixel are within its threshold.
+#[inline(always)]
+fn count_within(
+    differences: &[u8],
+    lanes: usize,
+    thresholds: &[u8; MASK_LANES],
+) -> [u16; MASK_LANES] {
+    let mut counts = [0_u16; MASK_LANES];
+    // Summed in 8 bits first: a group has fewer cells than those count.
+    for group in differences.chunks(lanes * usize::from(u8::MAX)) {
+        let mut sums = [0_u8; MASK_LANES];
+        for cell in group.chunks_exact(lanes) {
+            for ((sum, &cell), &threshold) in sums.iter_mut().zip(cell).zip(thresholds) {
+                *sum += u8::from(cell <= threshold);
+            }
+        }
+        for (count, sum) in counts.iter_mut().zip(sums) {
+            *count += u16::from(sum);
+        }
+    }
+    counts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand_core::{Rng, SeedableRng};
+    use rand_pcg::Pcg32;
+    use std::vec::Vec;
+
+    /// Against sorting the cells of each pixel.
+    #[test]
+    fn masks_equal_those_by_sorting() {
+        for (seed, count) in [(1, 16), (2, 64), (3, 256), (4, 1024)] {
+            let mut random = Pcg32::seed_from_u64(seed);
+            let levels = [2, 20, 256][seed as usize % 3];
+            let lanes = [1, 13, 31, MASK_LANES][seed as usize % 4];
+            let mut differences: Vec<u8> = (0..count * lanes)
+                .map(|_| (random.next_u32() % levels) as u8)
+                .collect();
+            let samples = differences.clone();
+            let kept = 1 + (random.next_u32() % count as u32) as u16;
+            let floor = (random.next_u32() % 30) as u8;
+            let mut masks = std::vec![0; count / 8 * lanes];
+            let mut block = MaskBlock {
+                differences: &mut differences,
+                lanes,
+                kept,
+                floor,
+                masks: &mut masks,
+                counts: [0; MASK_LANES],
+            };
+            mask_block(&mut block);
+            let counts = block.counts;
+            for lane in 0..lanes {
+                let sample = |i: usize| samples[i % count * lanes + lane];
+                let cell = |i: usize| sample(i).max(sample(i + 1));
+                let mut sorted: Vec<u8> = (0..count).map(cell).collect();
+                sorted.sort_unstable();
+                let threshold = sorted[usize::from(kept) - 1].max(floor);
+                let expected: Vec<bool> = (0..count).map(|i| cell(i) <= threshold).collect();
+                let found: Vec<bool> = (0..count)
+                    .map(|i| masks[i / 8 * lanes + lane] >> (i % 8) & 1 == 1)
+                    .collect();
+                assert_eq!(found, expected, "seed {seed}, lane {lane}");
+                assert_eq!(
+                    usize::from(counts[lane]),
+                    expected.iter().filter(|&&k| k).count()
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! Strips of both views and the patterns of one row of each.
+
+use core::ops::Range;
+
+use rand_core::SeedableRng;
+use rand_pcg::Pcg32;
+
+use crate::config::{Config, ConfigError};
+use crate::disparity::Reference;
+use crate::kernel::Kernels;
+use crate::memory::{Arena, words};
+use crate::minchinton::PatternRow;
+use crate::strip::{Order, Strip};
+use crate::synapse::{StoredOffset, Synapses};
+
+/// Grey lines of both views in; the patterns of a row of neurons out.
+///
+#[derive(Debug)]
+pub(super) struct Sampler<'m> {
+    synapses: Synapses<'m>,
+    /// Patterns of the reference view.
+    pub(super) inputs: PatternRow<'m>,
+    /// Patterns of the other view.
+    pub(super) stored: PatternRow<'m>,
+    pub(super) reference: Strip<'m>,
+    pub(super) other: Strip<'m>,
+    view: Reference,
+    reach_lines: u32,
+    next_row: u32,
+}
+
+/// What a sampler is sized for.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SamplerSize {
+    /// Patterns of the reference view.
+    pub(super) inputs: usize,
+    /// Patterns of the other view.
+    pub(super) stored: usize,
+    /// Lines kept of the reference view.
+    pub(super) reference_depth: usize,
+    /// Pixels kept of the reference view on either side of a line.
+    pub(super) reference_padding: usize,
+}
+
+impl<'m> Sampler<'m> {
+    pub(super) const fn memory_words(config: &Config, size: SamplerSize) -> usize {
+        let parameters = &config.parameters;
+        let synapses = parameters.synapses as usize;
+        let width = config.width as usize;
+        let support = parameters.support;
+        words(synapses, size_of::<StoredOffset>())
+            + words(PatternRow::bytes(size.inputs, synapses), 1)
+            + words(PatternRow::bytes(size.stored, synapses), 1)
+            + Strip::memory_words(width, size.reference_padding, size.reference_depth)
+            + Strip::memory_words(width, support.x_px as usize, Strip::depth(support))
+    }
+
+    pub(super) fn new(
+        config: &Config,
+        size: SamplerSize,
+        orders: [Order; 2],
+        arena: &mut Arena<'m>,
+    ) -> Result<Self, ConfigError> {
+        let parameters = &config.parameters;
+        let support = parameters.support;
+        let count = usize::from(parameters.synapses);
+        let width = usize::from(config.width);
+        let stored_offsets: &'m mut [StoredOffset] = arena.take(count)?;
+        let mut generator = Pcg32::seed_from_u64(parameters.seed);
+        let (near, far) = stored_offsets.split_at_mut(count / 2);
+        for (half, sigma_px) in [near, far].into_iter().zip(parameters.sigmas_px) {
+            Synapses::draw(half, sigma_px, support, &mut generator)?;
+        }
+        let [order, other_order] = orders;
+        let (padding, depth) = (support.x_px.into(), Strip::depth(support));
+        Ok(Self {
+            synapses: Synapses::from_stored(stored_offsets),
+            inputs: PatternRow::new(size.inputs, count, arena)?,
+            stored: PatternRow::new(size.stored, count, arena)?,
+            reference: Strip::new(
+                width,
+                size.reference_padding,
+                size.reference_depth,
+                order,
+                arena,
+            )?,
+            other: Strip::new(width, padding, depth, other_order, arena)?,
+            view: config.reference,
+            reach_lines: support.y_px.into(),
+            next_row: 0,
+        })
+    }
+
+    /// Rows given so far.
+    pub(super) fn rows_out(&self) -> u32 {
+        self.next_row
+    }
+
+    pub(super) fn synapses(&self) -> Synapses<'m> {
+        self.synapses
+    }
+
+    /// Forgets the frame.
+    pub(super) fn reset(&mut self) {
+        self.reference.clear();
+        self.other.clear();
+        self.next_row = 0;
+    }
+
+    /// Takes the next pair of grey lines.
+    pub(super) fn push(&mut self, left: &[u8], right: &[u8]) {
+        let (reference, other) = in_roles(self.view, left, right);
+        self.push_roles(reference, other);
+    }
+
+    /// The same, the reference view's line first.
+    pub(super) fn push_roles(&mut self, reference: &[u8], other: &[u8]) {
+        self.reference.push(reference);
+        self.other.push(other);
+    }
+
+    /// The next row whose lines below are all there; with `finishing`, the next row.
+    pub(super) fn next_row(&mut self, finishing: bool) -> Option<u32> {
+        let reach = if finishing { 0 } else { self.reach_lines };
+        (self.reference.lines() > self.next_row + reach).then(|| {
+            let row = self.next_row;
+            self.next_row += 1;
+            row
+        })
+    }
+
+    /// Forms the patterns of row `line`: of these positions of the reference view, and of
+    /// these of the other; they stand from position 0 on.
+    pub(super) fn observe(
+        &mut self,
+        line: u32,
+        inputs: Range<usize>,
+        stored: Range<usize>,
+        kernels: &impl Kernels,
+    ) {
+        let synapses = &self.synapses;
+        let (first, count) = (inputs.start, inputs.len());
+        self.inputs
+            .observe(&self.reference, synapses, line, first, count, kernels);
+        let (first, count) = (stored.start, stored.len());
+        self.stored
+            .observe(&self.other, synapses, line, first, count, kernels);
+    }
+}
+
+/// The pair as (reference, other).
+pub(super) fn in_roles<T>(view: Reference, left: T, right: T) -> (T, T) {
+    match view {
+        Reference::Left => (left, right),
+        Reference::Right => (right, left),
+    }
+}

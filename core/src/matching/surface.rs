@@ -1,0 +1,618 @@
+//! The aggregating half of the matcher: pairs of lines in, rows of checked disparities out.
+
+use super::cost::{CostRun, MAX_CHANNELS, cost_stride};
+use super::exposure::Exposure;
+use super::mask::{MASK_LANES, MaskBlock};
+use super::sampler::{Sampler, SamplerSize, in_roles};
+use crate::aggregation::{AggregateRow, RowCheck, path_scratch_bytes};
+use crate::config::{Aggregation, Config, ConfigError};
+use crate::disparity::Reference;
+use crate::kernel::Kernels;
+use crate::memory::{Arena, words};
+use crate::minchinton::{CELLS_PER_BYTE, Planes};
+use crate::strip::{Order, Strip};
+use crate::synapse::Synapses;
+
+/// Weight of a difference of levels while the exposure is not known, 1/16.
+const UNKNOWN_WEIGHT_Q4: u8 = 4;
+
+/// Pairs of lines in, one row of disparities out, `support.y_px` lines later; in the order
+/// in which the reference view is stored.
+#[derive(Debug)]
+pub struct SurfaceMatcher<'m, K> {
+    kernels: K,
+    sampler: Sampler<'m>,
+    colours: Option<Colours<'m>>,
+    /// Grey lines, where the pixel format has colour that is not used.
+    luma: [&'m mut [u8]; 2],
+    exposure: Exposure,
+    masks: Option<Masks<'m>>,
+    other_low: &'m mut [u8],
+    other_high: &'m mut [u8],
+    costs: &'m mut [u8],
+    from_right: &'m mut [u8],
+    from_above: &'m mut [u8],
+    p2_along: &'m mut [u8],
+    p2_down: &'m mut [u8],
+    paths: &'m mut [u8],
+    sums: &'m mut [i16],
+    other_best: &'m mut [u32],
+    best: &'m mut [u16],
+    refined_q4: &'m mut [i16],
+    margins: &'m mut [i16],
+    found_q4: &'m mut [i16],
+    confidences: &'m mut [u8],
+    parameters: Aggregation,
+    config: Config,
+}
+
+/// Channels of both views, where lines have colour.
+#[derive(Debug)]
+struct Colours<'m> {
+    reference: [Strip<'m>; MAX_CHANNELS],
+    other: [Strip<'m>; MAX_CHANNELS],
+    /// A line's grey or one of its channels, before it goes to the strips.
+    line: &'m mut [u8],
+    other_grey: &'m mut [u8],
+}
+
+#[derive(Debug)]
+struct Masks<'m> {
+    block: &'m mut [u8],
+    differences: &'m mut [u8],
+}
+
+/// Geometry derived from a configuration.
+#[derive(Debug, Clone, Copy)]
+struct Sizes {
+    width: usize,
+    stride: usize,
+    /// Stored positions before the other view's first pixel, for negative disparities.
+    front: usize,
+    /// Stored positions in all: whatever disparity of whatever pixel.
+    positions: usize,
+    pattern_depth: usize,
+    depth: usize,
+    padding: usize,
+    colour: bool,
+    masked: bool,
+}
+
+impl Sizes {
+    const fn new(config: &Config, parameters: &Aggregation) -> Self {
+        let support = config.parameters.support;
+        let width = config.width as usize;
+        let stride = cost_stride(config.disparities.count as usize);
+        let minimum = config.disparities.minimum_px as isize;
+        let front = if minimum < 0 {
+            minimum.unsigned_abs()
+        } else {
+            0
+        };
+        let behind = if minimum > 0 {
+            minimum.unsigned_abs()
+        } else {
+            0
+        };
+        let ahead = support.y_px as usize;
+        let (vote, median_x, median_y) = (
+            match &parameters.vote {
+                Some(vote) => vote.reach_y_px as usize,
+                None => 0,
+            },
+            match &parameters.weighted_median {
+                Some(median) => median.reach_x_px as usize,
+                None => 0,
+            },
+            match &parameters.weighted_median {
+                Some(median) => median.reach_y_px as usize,
+                None => 0,
+            },
+        );
+        // Lines from the newest to the oldest that each stage still looks at.
+        // The line above a row is still there for the penalties of the path down.
+        let pattern_depth = max(2 * ahead + 1, ahead + 2);
+        // Below a region, the first line is still there when the last is due.
+        let waiting_depth = ahead + parameters.refinement_lines() as usize + 1;
+        let vote_depth = ahead + 2 * vote + 1;
+        let median_depth = ahead + vote + 1 + 2 * median_y + 1;
+        Self {
+            width,
+            stride,
+            front,
+            positions: front + width + behind + stride,
+            pattern_depth,
+            depth: max(
+                max(pattern_depth, vote_depth),
+                max(median_depth, waiting_depth),
+            ),
+            padding: max(support.x_px as usize, median_x),
+            colour: parameters.colour && !config.format.is_grey(),
+            masked: parameters.kept_cells_q8 < 256,
+        }
+    }
+
+    const fn sampler(&self, config: &Config) -> SamplerSize {
+        SamplerSize {
+            inputs: self.width,
+            stored: self.positions,
+            reference_depth: if self.colour {
+                self.pattern_depth
+            } else {
+                self.depth
+            },
+            reference_padding: if self.colour {
+                config.parameters.support.x_px as usize
+            } else {
+                self.padding
+            },
+        }
+    }
+
+    const fn luma_bytes(&self, config: &Config) -> usize {
+        if self.colour || config.format.is_grey() {
+            0
+        } else {
+            self.width
+        }
+    }
+
+    const fn channels(&self) -> usize {
+        if self.colour { MAX_CHANNELS } else { 1 }
+    }
+
+    /// Position of the last pixel's lowest disparity.
+    const fn last_position(&self, config: &Config) -> usize {
+        self.front
+            .saturating_add_signed(config.disparities.minimum_px as isize)
+    }
+}
+
+const fn max(a: usize, b: usize) -> usize {
+    if a > b { a } else { b }
+}
+
+impl SurfaceMatcher<'_, ()> {
+    /// Words of memory; the largest parts are three bytes per pixel of a line and
+    /// disparity, the number of disparities rounded up to 16.
+    #[must_use]
+    pub const fn memory_words(config: &Config, parameters: &Aggregation) -> usize {
+        let sizes = Sizes::new(config, parameters);
+        let synapses = config.parameters.synapses as usize;
+        let width = sizes.width;
+        let mut total = Sampler::memory_words(config, sizes.sampler(config))
+            + 2 * words(sizes.luma_bytes(config), 1);
+        if sizes.colour {
+            let other_depth = config.parameters.support.y_px as usize + 1;
+            total += MAX_CHANNELS * Strip::memory_words(width, sizes.padding, sizes.depth)
+                + MAX_CHANNELS * Strip::memory_words(width, 0, other_depth)
+                + 2 * words(width, 1);
+        }
+        if sizes.masked {
+            total +=
+                words(synapses / CELLS_PER_BYTE * MASK_LANES, 1) + words(synapses * MASK_LANES, 1);
+        }
+        if parameters.difference_weight_q4 > 0 {
+            total += 2 * words(sizes.channels() * sizes.positions, 1);
+        }
+        total
+            + 3 * words(width * sizes.stride, 1)
+            + 2 * words(width, 1)
+            + words(path_scratch_bytes(sizes.stride), 1)
+            + words(sizes.stride, size_of::<i16>())
+            + words(width + sizes.stride, size_of::<u32>())
+            + 4 * words(width, size_of::<i16>())
+            + words(width, 1)
+    }
+}
+
+impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
+    /// Draws the synapses and carves the memory.
+    ///
+    /// # Errors
+    /// [`ConfigError`] when `config` is not valid or the arena is too small.
+    pub fn new(
+        config: &Config,
+        parameters: &Aggregation,
+        kernels: K,
+        arena: &mut Arena<'m>,
+    ) -> Result<Self, ConfigError> {
+        config.validate()?;
+        let sizes = Sizes::new(config, parameters);
+        let synapses = usize::from(config.parameters.synapses);
+        let width = sizes.width;
+        // Rising disparities must be rising positions: the views run against each other.
+        let (order, other_order) = match config.reference {
+            Reference::Left => (Order::Columns, Order::Mirrored),
+            Reference::Right => (Order::Mirrored, Order::Columns),
+        };
+        let sampler = Sampler::new(config, sizes.sampler(config), [order, other_order], arena)?;
+        let colours = if sizes.colour {
+            let other_depth = usize::from(config.parameters.support.y_px) + 1;
+            let mut reference = || Strip::new(width, sizes.padding, sizes.depth, order, arena);
+            let reference = [reference()?, reference()?, reference()?];
+            let mut other = || Strip::new(width, 0, other_depth, other_order, arena);
+            let other = [other()?, other()?, other()?];
+            Some(Colours {
+                reference,
+                other,
+                line: arena.take(width)?,
+                other_grey: arena.take(width)?,
+            })
+        } else {
+            None
+        };
+        let masks = if sizes.masked {
+            Some(Masks {
+                block: arena.take(synapses / CELLS_PER_BYTE * MASK_LANES)?,
+                differences: arena.take(synapses * MASK_LANES)?,
+            })
+        } else {
+            None
+        };
+        let luma_bytes = sizes.luma_bytes(config);
+        let levels = if parameters.difference_weight_q4 > 0 {
+            sizes.channels() * sizes.positions
+        } else {
+            0
+        };
+        Ok(Self {
+            kernels,
+            sampler,
+            colours,
+            luma: [arena.take(luma_bytes)?, arena.take(luma_bytes)?],
+            exposure: Exposure::new(),
+            masks,
+            other_low: arena.take(levels)?,
+            other_high: arena.take(levels)?,
+            costs: arena.take(width * sizes.stride)?,
+            from_right: arena.take(width * sizes.stride)?,
+            from_above: arena.take(width * sizes.stride)?,
+            p2_along: arena.take(width)?,
+            p2_down: arena.take(width)?,
+            paths: arena.take(path_scratch_bytes(sizes.stride))?,
+            sums: arena.take(sizes.stride)?,
+            other_best: arena.take(width + sizes.stride)?,
+            best: arena.take(width)?,
+            refined_q4: arena.take(width)?,
+            margins: arena.take(width)?,
+            found_q4: arena.take(width)?,
+            confidences: arena.take(width)?,
+            parameters: *parameters,
+            config: *config,
+        })
+    }
+
+    /// The offsets drawn.
+    #[must_use]
+    pub fn synapses(&self) -> Synapses<'m> {
+        self.sampler.synapses()
+    }
+
+    /// Forgets the frame: the next pair is that of line 0.
+    pub fn reset(&mut self) {
+        self.sampler.reset();
+        self.exposure = Exposure::new();
+        if let Some(colours) = &mut self.colours {
+            for strip in colours.reference.iter_mut().chain(&mut colours.other) {
+                strip.clear();
+            }
+        }
+    }
+
+    /// Lines of the frame whose rows are done, those outside the region too.
+    pub(crate) fn rows_out(&self) -> u32 {
+        self.sampler.rows_out()
+    }
+
+    /// Takes the next pair of lines, in the configured pixel format. When this completes
+    /// a row inside the region of interest, gives its line in the frame; the row is then
+    /// [`SurfaceMatcher::found_q4`].
+    pub fn push(&mut self, left: &[u8], right: &[u8]) -> Option<u32> {
+        let (reference, other) = in_roles(self.config.reference, left, right);
+        match &mut self.colours {
+            None if self.config.format.is_grey() => self.sampler.push_roles(reference, other),
+            None => {
+                let format = self.config.format;
+                format.luma(reference, self.luma[0]);
+                format.luma(other, self.luma[1]);
+                self.sampler.push_roles(self.luma[0], self.luma[1]);
+            }
+            Some(colours) => {
+                let format = self.config.format;
+                let line = &mut *colours.line;
+                for (channel, (own, others)) in colours
+                    .reference
+                    .iter_mut()
+                    .zip(&mut colours.other)
+                    .enumerate()
+                {
+                    format.channel(reference, channel, line);
+                    own.push(line);
+                    format.channel(other, channel, line);
+                    others.push(line);
+                }
+                format.luma(other, colours.other_grey);
+                format.luma(reference, line);
+                self.sampler.push_roles(line, colours.other_grey);
+            }
+        }
+        let line = self.sampler.next_row(false)?;
+        self.match_row(line)
+    }
+
+    /// After the last pair: gives the next of the rows still to come inside the region,
+    /// `None` when there are no more.
+    pub fn flush(&mut self) -> Option<u32> {
+        while let Some(line) = self.sampler.next_row(true) {
+            if let Some(line) = self.match_row(line) {
+                return Some(line);
+            }
+        }
+        None
+    }
+
+    /// The row last completed, of the whole width; see [`RowCheck::write`].
+    #[must_use]
+    pub fn found_q4(&self) -> &[i16] {
+        self.found_q4
+    }
+
+    /// Confidences of the row last completed: 1 to 255, 0 where rejected or in doubt.
+    #[must_use]
+    pub fn confidences(&self) -> &[u8] {
+        self.confidences
+    }
+
+    /// The reference view's channels, for what follows.
+    #[must_use]
+    pub fn channels(&self) -> &[Strip<'m>] {
+        reference_channels(&self.colours, &self.sampler)
+    }
+
+    fn match_row(&mut self, line: u32) -> Option<u32> {
+        if !self.config.region.contains_line(line) {
+            return None;
+        }
+        let is_first = line == self.config.region.y;
+        let sizes = Sizes::new(&self.config, &self.parameters);
+        self.sampler
+            .observe(line, 0..sizes.width, 0..sizes.width, &self.kernels);
+        self.sampler
+            .stored
+            .extend(sizes.width, sizes.front, sizes.positions);
+        self.convert_levels(line, &sizes);
+        self.compute_costs(line, &sizes);
+        self.aggregate(line, is_first, &sizes);
+        self.check(line, &sizes);
+        Some(line)
+    }
+
+    /// The other view's levels in the reference camera's exposure, by stored position.
+    fn convert_levels(&mut self, line: u32, sizes: &Sizes) {
+        if self.parameters.difference_weight_q4 == 0 {
+            return;
+        }
+        let others = other_channels(&self.colours, &self.sampler);
+        let lows = self.other_low.chunks_exact_mut(sizes.positions);
+        let highs = self.other_high.chunks_exact_mut(sizes.positions);
+        for ((channel, (low, high)), other) in lows.zip(highs).enumerate().zip(others) {
+            let levels = other.row(line);
+            let inside = sizes.front..sizes.front + sizes.width;
+            if let (Some(low), Some(high)) =
+                (low.get_mut(inside.clone()), high.get_mut(inside.clone()))
+            {
+                self.exposure.convert(channel, levels, low, high);
+            }
+            for row in [low, high] {
+                extend_run(row, inside.clone());
+            }
+        }
+    }
+
+    /// Block by block: the masks, then the costs.
+    fn compute_costs(&mut self, line: u32, sizes: &Sizes) {
+        let parameters = &self.parameters;
+        let synapses = self.config.parameters.synapses;
+        let cells = usize::from(synapses);
+        let channels = reference_channels(&self.colours, &self.sampler);
+        // The floor is stated for the sum of three channels.
+        let floor = match channels.len() {
+            1 => parameters.mask_floor / 3,
+            _ => parameters.mask_floor,
+        };
+        // At least one cell, rounded up.
+        let kept = (u32::from(synapses) * u32::from(parameters.kept_cells_q8)).div_ceil(256);
+        let scale_q8 = u32::from(parameters.hamming_scale) << 8;
+        let weight_q4 = parameters.difference_weight_q4;
+        let levels = rows_of(channels, line);
+        for start in (0..sizes.width).step_by(MASK_LANES) {
+            let lanes = MASK_LANES.min(sizes.width - start);
+            let mut counts = [synapses; MASK_LANES];
+            let mut masks = Planes::NONE;
+            if let Some(Masks { differences, block }) = &mut self.masks
+                && let Some(differences) = differences.get_mut(..cells * lanes)
+                && let Some(block) = block.get_mut(..cells / CELLS_PER_BYTE * lanes)
+            {
+                differences.fill(0);
+                for channel in channels {
+                    let centres = channel.run(line, start as isize, lanes);
+                    let rows = differences.chunks_exact_mut(lanes);
+                    for (row, offset) in rows.zip(self.sampler.synapses().iter()) {
+                        let samples = channel.samples(line, offset, start, lanes);
+                        for ((difference, a), b) in row.iter_mut().zip(centres).zip(samples) {
+                            *difference = difference.saturating_add(a.abs_diff(*b));
+                        }
+                    }
+                }
+                let mut task = MaskBlock {
+                    differences,
+                    lanes,
+                    // At most the number of synapses.
+                    kept: kept.max(1) as u16,
+                    floor,
+                    masks: block,
+                    counts,
+                };
+                self.kernels.mask_block(&mut task);
+                counts = task.counts;
+                masks = Planes {
+                    bytes: block,
+                    stride: lanes,
+                    count: cells / CELLS_PER_BYTE,
+                };
+            }
+            let cell_costs_q8 = counts.map(|count| {
+                let count = u32::from(count.max(1));
+                // The scale is bounded so that times the count this fits 16 bits.
+                ((scale_q8 + count / 2) / count) as u16
+            });
+            let run = CostRun {
+                start,
+                inputs: self.sampler.inputs.planes(),
+                masks,
+                cell_costs_q8: cell_costs_q8.get(..lanes).unwrap_or_default(),
+                stored: self.sampler.stored.planes(),
+                first_position: sizes.last_position(&self.config) + sizes.width - 1 - start,
+                disparities: self.config.disparities.count.into(),
+                hamming_truncation: parameters.hamming_truncation,
+                levels,
+                other_low: planes_of(self.other_low, sizes.positions),
+                other_high: planes_of(self.other_high, sizes.positions),
+                channels: sizes.channels(),
+                difference_truncation: parameters.difference_truncation,
+                difference_weight_q4: if self.exposure.is_known() {
+                    weight_q4
+                } else {
+                    weight_q4.min(UNKNOWN_WEIGHT_Q4)
+                },
+            };
+            if let Some(costs) = self
+                .costs
+                .get_mut(start * sizes.stride..(start + lanes) * sizes.stride)
+            {
+                self.kernels.cost_run(&run, costs);
+            }
+        }
+    }
+
+    fn aggregate(&mut self, line: u32, is_first: bool, sizes: &Sizes) {
+        let parameters = &self.parameters;
+        let grey = self.sampler.reference.row(line);
+        let above = self.sampler.reference.row(line.saturating_sub(1));
+        let penalty = |a: u8, b: u8| {
+            // At most 255 * 255 / 16.
+            let fall = (u16::from(parameters.p2_adaptation_q4) * u16::from(a.abs_diff(b))) >> 4;
+            parameters
+                .p2
+                .saturating_sub(fall.min(255) as u8)
+                .max(parameters.p2_floor)
+        };
+        let before = grey.iter().take(1).chain(grey);
+        for ((along, &own), &before) in self.p2_along.iter_mut().zip(grey).zip(before) {
+            *along = penalty(own, before);
+        }
+        for ((down, &own), &above) in self.p2_down.iter_mut().zip(grey).zip(above) {
+            *down = penalty(own, above);
+        }
+        self.kernels.aggregate_row(&mut AggregateRow {
+            costs: self.costs,
+            from_right: self.from_right,
+            from_above: self.from_above,
+            stride: sizes.stride,
+            disparities: self.config.disparities.count.into(),
+            is_first,
+            p1: parameters.p1,
+            p2_along: self.p2_along,
+            p2_down: self.p2_down,
+            paths: self.paths,
+            sums: self.sums,
+            other_best: self.other_best,
+            best: self.best,
+            refined_q4: self.refined_q4,
+            margins: self.margins,
+        });
+    }
+
+    /// Rejects what does not hold, and learns the exposure from what does.
+    fn check(&mut self, line: u32, sizes: &Sizes) {
+        let check = RowCheck {
+            best: self.best,
+            refined_q4: self.refined_q4,
+            margins: self.margins,
+            other_best: self.other_best,
+            minimum_px: self.config.disparities.minimum_px,
+            tolerance_px: self.parameters.left_right_tolerance_px,
+            margin: self.parameters.margin,
+        };
+        check.write(self.found_q4, self.confidences);
+        if self.parameters.difference_weight_q4 == 0 {
+            return;
+        }
+        let levels = rows_of(reference_channels(&self.colours, &self.sampler), line);
+        let others = rows_of(other_channels(&self.colours, &self.sampler), line);
+        self.exposure.begin_line();
+        for (x, &confidence) in self.confidences.iter().enumerate() {
+            if confidence == 0 {
+                continue;
+            }
+            let Some(position) = check.position(x) else {
+                continue;
+            };
+            let level = |row: &[u8], at: usize| row.get(at).copied().unwrap_or(0);
+            let pairs = levels.iter().zip(&others).take(sizes.channels());
+            self.exposure
+                .add(pairs.map(|(own, other)| (level(own, x), level(other, position))));
+        }
+        self.exposure.end_line(sizes.channels());
+    }
+}
+
+/// The reference view's channels: red, green and blue, or grey alone.
+fn reference_channels<'a, 'm>(
+    colours: &'a Option<Colours<'m>>,
+    sampler: &'a Sampler<'m>,
+) -> &'a [Strip<'m>] {
+    match colours {
+        Some(colours) => &colours.reference,
+        None => core::slice::from_ref(&sampler.reference),
+    }
+}
+
+/// The other view's channels.
+fn other_channels<'a, 'm>(
+    colours: &'a Option<Colours<'m>>,
+    sampler: &'a Sampler<'m>,
+) -> &'a [Strip<'m>] {
+    match colours {
+        Some(colours) => &colours.other,
+        None => core::slice::from_ref(&sampler.other),
+    }
+}
+
+/// A line of each channel; empty where there is no channel.
+fn rows_of<'a>(channels: &'a [Strip<'_>], line: u32) -> [&'a [u8]; MAX_CHANNELS] {
+    core::array::from_fn(|index| {
+        channels
+            .get(index)
+            .map_or(&[][..], |channel| channel.row(line))
+    })
+}
+
+/// A row's planes, one per channel; empty where there is none.
+fn planes_of(row: &[u8], length: usize) -> [&[u8]; MAX_CHANNELS] {
+    core::array::from_fn(|index| {
+        row.get(index * length..(index + 1) * length)
+            .unwrap_or_default()
+    })
+}
+
+/// The first and last value of a run repeated to the ends of the row.
+fn extend_run(row: &mut [u8], inside: core::ops::Range<usize>) {
+    let (before, rest) = row.split_at_mut(inside.start.min(row.len()));
+    let (inside, after) = rest.split_at_mut(inside.len().min(rest.len()));
+    if let (Some(&first), Some(&last)) = (inside.first(), inside.last()) {
+        before.fill(first);
+        after.fill(last);
+    }
+}

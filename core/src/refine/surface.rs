@@ -1,0 +1,257 @@
+//! Refinement of checked rows: vote, fill, and medians, over a short strip.
+
+use super::border::Border;
+use super::fill::fill_row;
+use super::median9::Median9;
+use super::region_vote::RegionVote;
+use super::weighted_median::WeightedMedian;
+use crate::config::{Aggregation, Config, ConfigError};
+use crate::disparity::{INVALID, Reference, STEPS_PER_PX, px_to_q4};
+use crate::kernel::Kernels;
+use crate::memory::{Arena, words};
+use crate::strip::Strip;
+
+/// The stages after the check, one after another.
+#[derive(Debug)]
+pub struct SurfaceRefiner<'m, K> {
+    vote: Option<RegionVote<'m, K>>,
+    border: Border,
+    row: &'m mut [i16],
+    median: Median9<'m>,
+    weighted: Option<(WeightedMedian<'m, K>, Median9<'m>)>,
+    confidences: &'m mut [u8],
+    line_q4: &'m mut [i16],
+    line_confidences: &'m mut [u8],
+    config: Config,
+    latency: u32,
+    rows_in: u32,
+    rows_out: u32,
+}
+
+impl SurfaceRefiner<'_, ()> {
+    /// Words of memory for the stages of `config`.
+    #[must_use]
+    pub const fn memory_words(config: &Config, parameters: &Aggregation) -> usize {
+        let width = config.width as usize;
+        let columns = config.region.width as usize;
+        let mut total = words(width, size_of::<i16>())
+            + Median9::memory_words(width)
+            + words(width * (parameters.refinement_lines() as usize + 1), 1)
+            + words(columns, size_of::<i16>())
+            + words(columns, 1);
+        if let Some(vote) = parameters.vote {
+            total += RegionVote::memory_words(width, config.disparities, vote);
+        }
+        if let Some(weighted) = parameters.weighted_median {
+            total += WeightedMedian::memory_words(width, weighted) + Median9::memory_words(width);
+        }
+        total
+    }
+}
+
+impl<'m, K: Kernels> SurfaceRefiner<'m, K> {
+    /// Carves the memory of the stages that `config` asks for.
+    ///
+    /// # Errors
+    /// [`ConfigError`] when `config` is not valid or the arena is too small.
+    pub fn new(
+        config: &Config,
+        parameters: &Aggregation,
+        kernels: K,
+        arena: &mut Arena<'m>,
+    ) -> Result<Self, ConfigError> {
+        config.validate()?;
+        let width = usize::from(config.width);
+        let columns = usize::from(config.region.width);
+        let latency = parameters.refinement_lines();
+        let vote = match parameters.vote {
+            Some(vote) => Some(RegionVote::new(
+                width,
+                config.disparities,
+                vote,
+                kernels,
+                arena,
+            )?),
+            None => None,
+        };
+        let weighted = match parameters.weighted_median {
+            Some(weighted) => Some((
+                WeightedMedian::new(width, weighted, kernels, arena)?,
+                Median9::new(width, arena)?,
+            )),
+            None => None,
+        };
+        Ok(Self {
+            vote,
+            border: Border::default(),
+            row: arena.take(width)?,
+            median: Median9::new(width, arena)?,
+            weighted,
+            confidences: arena.take(width * (latency as usize + 1))?,
+            line_q4: arena.take(columns)?,
+            line_confidences: arena.take(columns)?,
+            config: *config,
+            latency,
+            rows_in: 0,
+            rows_out: 0,
+        })
+    }
+
+    /// Forgets the frame.
+    pub fn reset(&mut self) {
+        if let Some(vote) = &mut self.vote {
+            vote.reset();
+        }
+        self.border.reset();
+        self.median.reset();
+        if let Some((weighted, median)) = &mut self.weighted {
+            weighted.reset();
+            median.reset();
+        }
+        self.rows_in = 0;
+        self.rows_out = 0;
+    }
+
+    /// Takes a row as [`RowCheck::write`](crate::aggregation::RowCheck::write) gives it,
+    /// in stored order; `channels` are the reference view's strips. True when this completes a
+    /// line, then [`SurfaceRefiner::line_q4`].
+    pub fn push(&mut self, found_q4: &[i16], confidences: &[u8], channels: &[Strip<'_>]) -> bool {
+        let kept = self.confidence_row(self.rows_in);
+        if let Some(kept) = self.confidences.get_mut(kept)
+            && let Some(confidences) = confidences.get(..kept.len())
+        {
+            kept.copy_from_slice(confidences);
+        }
+        self.rows_in += 1;
+        let complete = match &mut self.vote {
+            Some(vote) => {
+                vote.push(found_q4, channels, self.config.region.y) && {
+                    self.row.copy_from_slice(vote.row());
+                    self.fill_and_smooth(channels)
+                }
+            }
+            None => {
+                self.row.copy_from_slice(found_q4);
+                self.fill_and_smooth(channels)
+            }
+        };
+        complete && self.write_line()
+    }
+
+    /// After the last row: completes the next of the lines still to come; false when
+    /// there are no more.
+    pub fn flush(&mut self, channels: &[Strip<'_>]) -> bool {
+        let first_line = self.config.region.y;
+        while let Some(vote) = &mut self.vote
+            && vote.flush(channels, first_line)
+        {
+            self.row.copy_from_slice(vote.row());
+            if self.fill_and_smooth(channels) {
+                return self.write_line();
+            }
+        }
+        while self.median.flush(self.row) {
+            if self.weight(channels) {
+                return self.write_line();
+            }
+        }
+        let Some((weighted, last)) = &mut self.weighted else {
+            return false;
+        };
+        while weighted.flush(self.row, channels, first_line) {
+            if last.push(self.row) {
+                return self.write_line();
+            }
+        }
+        last.flush(self.row) && self.write_line()
+    }
+
+    /// The line last completed: `region.width` disparities, 1/16 px.
+    #[must_use]
+    pub fn line_q4(&self) -> &[i16] {
+        self.line_q4
+    }
+
+    /// Confidences of the line last completed: 1 to 255; 0 for a disparity that was row in.
+    #[must_use]
+    pub fn line_confidences(&self) -> &[u8] {
+        self.line_confidences
+    }
+
+    fn fill_and_smooth(&mut self, channels: &[Strip<'_>]) -> bool {
+        // Relative to the lowest disparity until the line is written.
+        let largest_px = self.config.disparities.count.saturating_sub(1);
+        self.border
+            .extend(self.row, largest_px as i16 * STEPS_PER_PX);
+        for found in self.row.iter_mut() {
+            // What is still in doubt keeps its own.
+            if *found < 0 && *found != INVALID {
+                *found = !*found;
+            }
+        }
+        fill_row(self.row);
+        self.median.push(self.row) && self.weight(channels)
+    }
+
+    /// The stages after the first median, on its row.
+    fn weight(&mut self, channels: &[Strip<'_>]) -> bool {
+        match &mut self.weighted {
+            Some((weighted, last)) => {
+                weighted.push(self.row, channels, self.config.region.y) && last.push(self.row)
+            }
+            None => true,
+        }
+    }
+
+    /// Crops the completed row to the region, in the order of columns.
+    fn write_line(&mut self) -> bool {
+        let row = &*self.row;
+        let kept = self.confidence_row(self.rows_out);
+        self.rows_out += 1;
+        let confidences = self.confidences.get(kept).unwrap_or_default();
+        let region = &self.config.region;
+        let (start, count) = (usize::from(region.x), usize::from(region.width));
+        match self.config.reference {
+            Reference::Left => {
+                copy(self.line_q4, row.iter().skip(start).take(count));
+                copy(
+                    self.line_confidences,
+                    confidences.iter().skip(start).take(count),
+                );
+            }
+            // Stored mirrored.
+            Reference::Right => {
+                copy(self.line_q4, row.iter().rev().skip(start).take(count));
+                copy(
+                    self.line_confidences,
+                    confidences.iter().rev().skip(start).take(count),
+                );
+            }
+        }
+        let minimum_q4 = px_to_q4(self.config.disparities.minimum_px);
+        for (disparity_q4, confidence) in self
+            .line_q4
+            .iter_mut()
+            .zip(self.line_confidences.iter_mut())
+        {
+            if *disparity_q4 == INVALID {
+                *confidence = 0;
+            } else {
+                *disparity_q4 += minimum_q4;
+            }
+        }
+        true
+    }
+
+    fn confidence_row(&self, row: u32) -> core::ops::Range<usize> {
+        let width = usize::from(self.config.width);
+        let start = (row % (self.latency + 1)) as usize * width;
+        start..start + width
+    }
+}
+
+fn copy<'a, T: Copy + 'a>(to: &mut [T], from: impl Iterator<Item = &'a T>) {
+    for (to, &from) in to.iter_mut().zip(from) {
+        *to = from;
+    }
+}

@@ -1,0 +1,595 @@
+//! The aggregating method on whole images: plain loops, one stage after another.
+//!
+//! Written from the definitions in the documentation of the stages, with whole-frame
+//! arrays, signed integers and sorting where the streaming stages have rings, narrow
+//! lanes and bisection. It shares the drawing of the offsets and the colour conversion
+//! with the core, and nothing else.
+
+use rand_core::SeedableRng;
+use rand_pcg::Pcg32;
+use vgstereo_core::config::{Aggregation, Config, Method};
+use vgstereo_core::disparity::{INVALID, Reference};
+use vgstereo_core::synapse::{StoredOffset, Synapses};
+
+use crate::Pair;
+
+/// A view in planes: grey first, then the channels that the stages look at.
+struct View {
+    width: i32,
+    height: i32,
+    grey: Vec<i32>,
+    channels: Vec<Vec<i32>>,
+}
+
+impl View {
+    fn index(&self, x: i32, y: i32) -> usize {
+        (y.clamp(0, self.height - 1) * self.width + x.clamp(0, self.width - 1)) as usize
+    }
+
+    fn grey(&self, x: i32, y: i32) -> i32 {
+        self.grey[self.index(x, y)]
+    }
+
+    /// Colour difference of two pixels, summed over the channels.
+    fn difference(&self, a: usize, b: usize) -> i32 {
+        let channels = self.channels.iter();
+        channels.map(|c| (c[a] - c[b]).abs()).sum()
+    }
+
+    fn largest_difference(&self, a: usize, b: usize) -> i32 {
+        let channels = self.channels.iter();
+        channels.map(|c| (c[a] - c[b]).abs()).max().unwrap()
+    }
+}
+
+/// Disparities of the whole reference view, 1/16 px, and their confidences.
+#[must_use]
+pub fn match_whole(pair: &Pair, config: &Config) -> (Vec<i16>, Vec<u8>) {
+    let Method::Aggregation(a) = config.parameters.method else {
+        panic!("this oracle aggregates");
+    };
+    // Matching to the right view is matching mirrored views to the left one.
+    let mirrored = config.reference == Reference::Right;
+    let (mut reference, mut other) = match config.reference {
+        Reference::Left => (
+            view(pair, &pair.left, config, &a),
+            view(pair, &pair.right, config, &a),
+        ),
+        Reference::Right => (
+            view(pair, &pair.right, config, &a),
+            view(pair, &pair.left, config, &a),
+        ),
+    };
+    let mut offsets = draw(config);
+    if mirrored {
+        mirror(&mut reference);
+        mirror(&mut other);
+        for [dx, _] in &mut offsets {
+            *dx = -*dx;
+        }
+    }
+    let (found, confidences) = find(&reference, &other, &offsets, config, &a);
+    let mut map = found;
+    if let Some(parameters) = a.vote {
+        let first = first_known(&map, &reference);
+        for y in 0..reference.height {
+            for x in first[y as usize]..reference.width {
+                let i = reference.index(x, y);
+                if map[i] < 0 {
+                    map[i] = vote(&reference, &map, x, y, config, &parameters).unwrap_or(map[i]);
+                }
+            }
+        }
+    }
+    border(
+        &mut map,
+        &reference,
+        (i32::from(config.disparities.count) - 1) * 16,
+    );
+    for found in &mut map {
+        if *found < 0 && *found != i32::from(INVALID) {
+            *found = !*found;
+        }
+    }
+    fill(&mut map, &reference);
+    map = median(&map, &reference);
+    if let Some(parameters) = a.weighted_median {
+        let window = (
+            i32::from(parameters.reach_x_px),
+            i32::from(parameters.reach_y_px),
+        );
+        map = weighted_median(&map, &reference, window, i32::from(parameters.colour_reach));
+        map = median(&map, &reference);
+    }
+    let minimum_q4 = i32::from(config.disparities.minimum_px) * 16;
+    let mut map_q4: Vec<i16> = map
+        .iter()
+        .map(|&q4| {
+            if q4 == i32::from(INVALID) {
+                INVALID
+            } else {
+                (q4 + minimum_q4) as i16
+            }
+        })
+        .collect();
+    let mut confidences = confidences;
+    for (confidence, &q4) in confidences.iter_mut().zip(&map_q4) {
+        if q4 == INVALID {
+            *confidence = 0;
+        }
+    }
+    if mirrored {
+        for line in map_q4.chunks_mut(pair.width) {
+            line.reverse();
+        }
+        for line in confidences.chunks_mut(pair.width) {
+            line.reverse();
+        }
+    }
+    (map_q4, confidences)
+}
+
+fn view(pair: &Pair, pixels: &[u8], config: &Config, a: &Aggregation) -> View {
+    let count = pair.width * pair.height;
+    let (mut grey, mut row) = (vec![0; count], vec![0; count]);
+    config.format.luma(pixels, &mut grey);
+    let plane = |row: &[u8]| {
+        row.iter()
+            .map(|&level| i32::from(level))
+            .collect::<Vec<i32>>()
+    };
+    let channels = if a.colour && !config.format.is_grey() {
+        let channels = (0..3).map(|channel| {
+            config.format.channel(pixels, channel, &mut row);
+            plane(&row)
+        });
+        channels.collect()
+    } else {
+        vec![plane(&grey)]
+    };
+    View {
+        width: pair.width as i32,
+        height: pair.height as i32,
+        grey: plane(&grey),
+        channels,
+    }
+}
+
+fn mirror(view: &mut View) {
+    for plane in view.channels.iter_mut().chain([&mut view.grey]) {
+        for line in plane.chunks_mut(view.width as usize) {
+            line.reverse();
+        }
+    }
+}
+
+fn draw(config: &Config) -> Vec<StoredOffset> {
+    let parameters = &config.parameters;
+    let mut offsets = vec![[0; 2]; usize::from(parameters.synapses)];
+    let mut generator = Pcg32::seed_from_u64(parameters.seed);
+    let half = offsets.len() / 2;
+    for (part, sigma_px) in [(0..half), (half..offsets.len())]
+        .into_iter()
+        .zip(parameters.sigmas_px)
+    {
+        Synapses::draw(
+            &mut offsets[part],
+            sigma_px,
+            parameters.support,
+            &mut generator,
+        )
+        .unwrap();
+    }
+    offsets
+}
+
+/// Per channel: reference, other, their squares, residuals.
+#[derive(Default, Clone, Copy)]
+struct Sums([i64; 5]);
+
+/// Costs, aggregation and check, line by line because the exposure is learned on the way.
+fn find(
+    reference: &View,
+    other: &View,
+    offsets: &[StoredOffset],
+    config: &Config,
+    a: &Aggregation,
+) -> (Vec<i32>, Vec<u8>) {
+    let (width, height) = (reference.width, reference.height);
+    let (minimum, count) = (
+        i32::from(config.disparities.minimum_px),
+        usize::from(config.disparities.count),
+    );
+    let channels = reference.channels.len();
+    let mut found = Vec::new();
+    let mut confidences = Vec::new();
+    let mut above: Vec<Vec<i32>> = Vec::new();
+    let (mut gain, mut offset) = ([4096_i64; 3], [0_i64; 3]);
+    let (mut dead_zone, mut matches, mut sums) = (0_i32, 0_i64, [Sums::default(); 3]);
+    for y in 0..height {
+        let known = y >= 3 && matches >= 64;
+        let weight = match i32::from(a.difference_weight_q4) {
+            weight if known => weight,
+            weight => weight.min(4),
+        };
+        let convert = |channel: usize, x: i32| -> i32 {
+            let raw = other.channels[channel][other.index(x, y)];
+            ((gain[channel] * i64::from(raw) + offset[channel] + 2048) >> 12).clamp(0, 255) as i32
+        };
+        let cells = |view: &View, x: i32| -> Vec<bool> {
+            let sample = |o: &StoredOffset| view.grey(x + i32::from(o[0]), y + i32::from(o[1]));
+            let n = offsets.len();
+            (0..n)
+                .map(|r| sample(&offsets[r]) > sample(&offsets[(r + 1) % n]))
+                .collect()
+        };
+        let stored: Vec<Vec<bool>> = (0..width).map(|x| cells(other, x)).collect();
+        let mut costs: Vec<Vec<i32>> = Vec::new();
+        for x in 0..width {
+            let input = cells(reference, x);
+            let mask = mask(reference, offsets, x, y, a);
+            let kept = mask.iter().filter(|&&kept| kept).count() as i32;
+            let cell_cost = (i32::from(a.hamming_scale) * 256 + kept / 2) / kept;
+            let mut line = Vec::new();
+            for j in 0..count as i32 {
+                let match_x = (x - minimum - j).clamp(0, width - 1);
+                let pattern = &stored[match_x as usize];
+                let differing = (0..input.len())
+                    .filter(|&r| mask[r] && input[r] != pattern[r])
+                    .count() as i32;
+                let mut cost =
+                    ((differing * cell_cost + 128) >> 8).min(a.hamming_truncation.into());
+                if weight > 0 {
+                    let mut difference = 0;
+                    for channel in 0..channels {
+                        let own = reference.channels[channel][reference.index(x, y)];
+                        let raw = other.channels[channel][other.index(match_x, y)];
+                        let level = convert(channel, match_x);
+                        let low = if raw == 0 {
+                            0
+                        } else {
+                            (level - dead_zone).max(0)
+                        };
+                        let high = if raw == 255 {
+                            255
+                        } else {
+                            (level + dead_zone).min(255)
+                        };
+                        difference += (own - high).max(low - own).max(0);
+                    }
+                    if channels == 3 {
+                        difference = (difference * 85) >> 8;
+                    }
+                    cost += (difference.min(a.difference_truncation.into()) * weight) >> 4;
+                }
+                line.push(cost);
+            }
+            costs.push(line);
+        }
+        let penalty = |x: i32, from: (i32, i32)| {
+            let step = (reference.grey(x, y) - reference.grey(from.0, from.1)).abs();
+            (i32::from(a.p2) - ((i32::from(a.p2_adaptation_q4) * step) >> 4)).max(a.p2_floor.into())
+        };
+        let p1 = i32::from(a.p1);
+        let mut left: Vec<Vec<i32>> = Vec::new();
+        for x in 0..width {
+            let path = match left.last() {
+                Some(previous) => step(previous, &costs[x as usize], p1, penalty(x, (x - 1, y))),
+                None => costs[x as usize].clone(),
+            };
+            left.push(path);
+        }
+        let mut right: Vec<Vec<i32>> = Vec::new();
+        for x in (0..width).rev() {
+            let path = match right.last() {
+                Some(previous) => step(previous, &costs[x as usize], p1, penalty(x, (x + 1, y))),
+                None => costs[x as usize].clone(),
+            };
+            right.push(path);
+        }
+        right.reverse();
+        above = (0..width)
+            .map(|x| match above.get(x as usize) {
+                Some(previous) => step(previous, &costs[x as usize], p1, penalty(x, (x, y - 1))),
+                None => costs[x as usize].clone(),
+            })
+            .collect();
+        let sum =
+            |x: i32, j: usize| left[x as usize][j] + right[x as usize][j] + above[x as usize][j];
+        // The other view's best: of all pixels and disparities that meet at it.
+        let best_of_other = |match_x: i32| -> Option<usize> {
+            let meeting =
+                (0..count).filter(|&j| (0..width).contains(&(match_x + minimum + j as i32)));
+            meeting.min_by_key(|&j| (sum(match_x + minimum + j as i32, j), j))
+        };
+        let mut line_sums = [Sums::default(); 3];
+        let mut line_matches = 0;
+        for x in 0..width {
+            let best = (0..count).min_by_key(|&j| (sum(x, j), j)).unwrap();
+            let second = (0..count)
+                .filter(|&j| j.abs_diff(best) > 1)
+                .map(|j| sum(x, j))
+                .min();
+            let margin = second.unwrap_or(i32::from(i16::MAX)) - sum(x, best);
+            let mut refined = best as i32 * 16;
+            if best > 0 && best + 1 < count {
+                let (before, after) = (
+                    sum(x, best - 1) - sum(x, best),
+                    sum(x, best + 1) - sum(x, best),
+                );
+                if before + after > 0 {
+                    refined += (8.0 * f64::from(before - after) / f64::from(before + after)).round()
+                        as i32;
+                }
+            }
+            let match_x = x - minimum - best as i32;
+            let inside = (0..width).contains(&match_x);
+            let agrees = inside
+                && best_of_other(match_x)
+                    .is_some_and(|other| other.abs_diff(best) <= a.left_right_tolerance_px.into());
+            let clear = margin >= a.margin.into();
+            found.push(match (agrees, clear) {
+                (true, true) => refined,
+                (true, false) => !refined,
+                (false, _) => INVALID.into(),
+            });
+            confidences.push(if agrees && clear {
+                margin.clamp(1, 255) as u8
+            } else {
+                0
+            });
+            if agrees && clear {
+                let levels: Vec<(i32, i32)> = (0..channels)
+                    .map(|c| {
+                        (
+                            reference.channels[c][reference.index(x, y)],
+                            other.channels[c][other.index(match_x, y)],
+                        )
+                    })
+                    .collect();
+                if levels
+                    .iter()
+                    .all(|&(a, b)| (1..255).contains(&a) && (1..255).contains(&b))
+                {
+                    line_matches += 1;
+                    for (channel, &(own, raw)) in levels.iter().enumerate() {
+                        let residual = (own - convert(channel, match_x)).abs();
+                        let values = [own, raw, own * own, raw * raw, residual];
+                        for (sum, value) in line_sums[channel].0.iter_mut().zip(values) {
+                            *sum += i64::from(value);
+                        }
+                    }
+                }
+            }
+        }
+        matches = matches - (matches >> 4) + line_matches;
+        for (sums, line) in sums.iter_mut().zip(&line_sums) {
+            for (sum, line) in sums.0.iter_mut().zip(line.0) {
+                *sum = *sum - (*sum >> 4) + line;
+            }
+        }
+        if matches >= 64 {
+            let n = matches;
+            let mut residuals = 0;
+            for channel in 0..channels {
+                let [l, r, ll, rr, residual] = sums[channel].0;
+                let deviation =
+                    |sum: i64, squares: i64| ((n * squares - sum * sum).max(0) + 4 * n * n).isqrt();
+                gain[channel] = ((deviation(l, ll) << 12) / deviation(r, rr)).clamp(1024, 16384);
+                offset[channel] = ((l << 12) - gain[channel] * r).div_euclid(n);
+                residuals += residual;
+            }
+            dead_zone = (((residuals * 16 / (n * channels as i64)) * 20) >> 8).min(255) as i32;
+        }
+    }
+    (found, confidences)
+}
+
+/// Hirschmueller's recursion, equation 13.
+fn step(previous: &[i32], costs: &[i32], p1: i32, p2: i32) -> Vec<i32> {
+    let least = *previous.iter().min().unwrap();
+    let at = |j: i32| {
+        usize::try_from(j)
+            .ok()
+            .and_then(|j| previous.get(j))
+            .copied()
+    };
+    (0..costs.len() as i32)
+        .map(|j| {
+            let neighbours = [j - 1, j + 1]
+                .into_iter()
+                .filter_map(at)
+                .map(|cost| cost + p1);
+            let onward = neighbours
+                .chain([previous[j as usize], least + p2])
+                .min()
+                .unwrap();
+            costs[j as usize] + onward - least
+        })
+        .collect()
+}
+
+fn mask(view: &View, offsets: &[StoredOffset], x: i32, y: i32, a: &Aggregation) -> Vec<bool> {
+    let n = offsets.len();
+    if a.kept_cells_q8 >= 256 {
+        return vec![true; n];
+    }
+    let centre = view.index(x, y);
+    let unlike = |r: usize| {
+        let [dx, dy] = offsets[r % n];
+        view.difference(view.index(x + i32::from(dx), y + i32::from(dy)), centre)
+            .min(255)
+    };
+    let cells: Vec<i32> = (0..n).map(|r| unlike(r).max(unlike(r + 1))).collect();
+    let mut sorted = cells.clone();
+    sorted.sort_unstable();
+    let kept = (n * usize::from(a.kept_cells_q8)).div_ceil(256).max(1);
+    let floor = i32::from(a.mask_floor) / if view.channels.len() == 1 { 3 } else { 1 };
+    let threshold = sorted[kept - 1].max(floor);
+    cells.iter().map(|&cell| cell <= threshold).collect()
+}
+
+fn first_known(map: &[i32], view: &View) -> Vec<i32> {
+    let lines = map.chunks(view.width as usize);
+    lines
+        .map(|line| {
+            line.iter()
+                .position(|&found| found >= 0)
+                .map_or(view.width, |x| x as i32)
+        })
+        .collect()
+}
+
+fn vote(
+    view: &View,
+    map: &[i32],
+    x: i32,
+    y: i32,
+    config: &Config,
+    parameters: &vgstereo_core::config::RegionVoteParameters,
+) -> Option<i32> {
+    // How far from (x, y) in steps of (dx, dy) the colour stays alike.
+    let arm = |x: i32, y: i32, dx: i32, dy: i32, reach: u8| -> i32 {
+        let mut length = 0;
+        while length < i32::from(reach) {
+            let (u, v) = (x + dx * (length + 1), y + dy * (length + 1));
+            let near = length < i32::from(reach / 2);
+            let step = if near {
+                parameters.near_step
+            } else {
+                parameters.far_step
+            };
+            let inside = (0..view.width).contains(&u) && (0..view.height).contains(&v);
+            if !inside
+                || view.largest_difference(view.index(u, v), view.index(x, y)) > i32::from(step)
+            {
+                break;
+            }
+            length += 1;
+        }
+        length
+    };
+    let mut votes = vec![0; usize::from(config.disparities.count) + 1];
+    let (up, down) = (
+        arm(x, y, 0, -1, parameters.reach_y_px),
+        arm(x, y, 0, 1, parameters.reach_y_px),
+    );
+    for v in y - up..=y + down {
+        let (left, right) = (
+            arm(x, v, -1, 0, parameters.reach_x_px),
+            arm(x, v, 1, 0, parameters.reach_x_px),
+        );
+        for u in x - left..=x + right {
+            let found = map[view.index(u, v)];
+            if found >= 0 {
+                votes[(found as usize + 8) / 16] += 1;
+            }
+        }
+    }
+    let total: u32 = votes.iter().sum();
+    let most = *votes.iter().max().unwrap();
+    let winner = votes.iter().position(|&count| count == most).unwrap();
+    let wins = total > parameters.support_min.into()
+        && most * 100 > total * u32::from(parameters.share_min_percent);
+    wins.then_some(winner as i32 * 16)
+}
+
+fn border(map: &mut [i32], view: &View, largest: i32) {
+    let mut slope = 0_i64;
+    for line in map.chunks_mut(view.width as usize) {
+        let Some(first) = line.iter().position(|&found| found >= 0) else {
+            continue;
+        };
+        let known: Vec<(i64, i64)> = (0_i64..32)
+            .zip(&line[first..])
+            .filter(|&(_, &found)| found >= 0)
+            .map(|(x, &found)| (x, i64::from(found)))
+            .collect();
+        let n = known.len() as i64;
+        if first == 0 || n < 4 {
+            continue;
+        }
+        let sum = |f: &dyn Fn(i64, i64) -> i64| known.iter().map(|&(x, y)| f(x, y)).sum::<i64>();
+        let (sx, sy, sxx, sxy) = (
+            sum(&|x, _| x),
+            sum(&|_, y| y),
+            sum(&|x, _| x * x),
+            sum(&|x, y| x * y),
+        );
+        let fitted =
+            (((n * sxy - sx * sy) * 4096).div_euclid(n * sxx - sx * sx)).clamp(-8192, 8192);
+        slope += (fitted - slope) >> 3;
+        let at_first = (sy * 4096 - slope * sx).div_euclid(n);
+        for (x, pixel) in line[..first].iter_mut().enumerate() {
+            let value = (at_first + slope * (x as i64 - first as i64) + 2048) >> 12;
+            *pixel = value.clamp(0, largest.into()) as i32;
+        }
+    }
+}
+
+fn fill(map: &mut [i32], view: &View) {
+    for line in map.chunks_mut(view.width as usize) {
+        let known = line.to_vec();
+        for x in 0..known.len() {
+            if known[x] < 0 {
+                let left = known[..x].iter().rev().find(|&&found| found >= 0);
+                let right = known[x..].iter().find(|&&found| found >= 0);
+                line[x] = left
+                    .into_iter()
+                    .chain(right)
+                    .min()
+                    .copied()
+                    .unwrap_or(INVALID.into());
+            }
+        }
+    }
+}
+
+fn median(map: &[i32], view: &View) -> Vec<i32> {
+    let mut output = Vec::new();
+    for y in 0..view.height {
+        for x in 0..view.width {
+            let around = (y - 1..=y + 1).flat_map(|v| (x - 1..=x + 1).map(move |u| (u, v)));
+            let mut values: Vec<i32> = around.map(|(u, v)| map[view.index(u, v)]).collect();
+            values.sort_unstable();
+            output.push(values[4]);
+        }
+    }
+    output
+}
+
+fn weighted_median(
+    map: &[i32],
+    view: &View,
+    (reach_x, reach_y): (i32, i32),
+    colour_reach: i32,
+) -> Vec<i32> {
+    let mut output = Vec::new();
+    let times = if view.channels.len() == 1 { 3 } else { 1 };
+    for y in 0..view.height {
+        for x in 0..view.width {
+            let mut values = Vec::new();
+            for v in (y - reach_y).max(0)..=(y + reach_y).min(view.height - 1) {
+                for u in (x - reach_x).max(0)..=(x + reach_x).min(view.width - 1) {
+                    let value = map[view.index(u, v)];
+                    let unlike = view.difference(view.index(u, v), view.index(x, y)) * times;
+                    let like = (colour_reach - unlike).max(0);
+                    let place = (20 - (u - x).abs() - (v - y).abs()).max(1);
+                    let weight = (((like * like) >> 4) * place) >> 4;
+                    if value != i32::from(INVALID) {
+                        values.push((value, weight));
+                    }
+                }
+            }
+            values.sort_unstable();
+            let total: i32 = values.iter().map(|&(_, weight)| weight).sum();
+            let mut below = 0;
+            let median = values.iter().find(|&&(_, weight)| {
+                below += weight;
+                weight > 0 && 2 * below >= total
+            });
+            output.push(median.map_or(INVALID.into(), |&(value, _)| value));
+        }
+    }
+    output
+}

@@ -1,0 +1,578 @@
+//! The aggregating method: whole streams against the whole-image oracle, and its promises.
+
+use proptest::prelude::*;
+use rand_core::{Rng, SeedableRng};
+use rand_pcg::Pcg32;
+use vgstereo_core::camera::PixelFormat;
+use vgstereo_core::config::{
+    Aggregation, Config, ConfigError, Method, Parameters, Region, RegionVoteParameters,
+    WeightedMedianParameters,
+};
+use vgstereo_core::disparity::{DisparityRange, INVALID, Reference, px_to_q4};
+use vgstereo_core::kernel::Portable;
+use vgstereo_core::matcher::Matcher;
+use vgstereo_core::memory::OutOfMemory;
+use vgstereo_core::preset::Preset;
+use vgstereo_core::synapse::Support;
+use vgstereo_sim::kernels::HostKernels;
+use vgstereo_tests::{Map, Pair, surface};
+
+fn micro() -> Aggregation {
+    match Preset::Micro.parameters().method {
+        Method::Aggregation(aggregation) => aggregation,
+        Method::Recall(_) => panic!("micro aggregates"),
+    }
+}
+
+/// Parameters about those of the preset `micro`, stages left out at times.
+fn aggregation() -> impl Strategy<Value = Aggregation> {
+    let masks = (
+        prop_oneof![Just(103_u16), Just(256), 1_u16..=256],
+        0_u8..=60,
+    );
+    let costs = (
+        1_u8..=120,
+        0_u8..=60,
+        prop_oneof![Just(0_u8), Just(24), 1_u8..=48],
+        0_u8..=30,
+    );
+    let penalties = (0_u8..=30, 0_u8..=60, 0_u8..=40, 0_u8..=32);
+    let checks = (0_u8..=2, -1_i16..=30);
+    let vote = (
+        0_u8..=25,
+        0_u8..=4,
+        0_u8..=40,
+        0_u8..=40,
+        0_u8..=8,
+        0_u8..=60,
+    )
+        .prop_map(
+            |(reach_x_px, reach_y_px, near_step, far_step, support_min, share_min_percent)| {
+                RegionVoteParameters {
+                    reach_x_px,
+                    reach_y_px,
+                    near_step,
+                    far_step,
+                    support_min,
+                    share_min_percent,
+                }
+            },
+        );
+    let weighted_median =
+        (0_u8..=12, 0_u8..=3, 4_u8..=48).prop_map(|(reach_x_px, reach_y_px, colour_reach)| {
+            WeightedMedianParameters {
+                reach_x_px,
+                reach_y_px,
+                colour_reach,
+            }
+        });
+    let refinement = (
+        prop::option::weighted(0.8, vote),
+        prop::option::weighted(0.8, weighted_median),
+    );
+    let colour = prop::bool::weighted(0.75);
+    (colour, masks, costs, penalties, checks, refinement).prop_map(
+        |(colour, masks, costs, penalties, checks, refinement)| {
+            let p2 = penalties.0 + penalties.1;
+            Aggregation {
+                colour,
+                kept_cells_q8: masks.0,
+                mask_floor: masks.1,
+                hamming_scale: costs.0,
+                hamming_truncation: costs.1,
+                difference_weight_q4: costs.2,
+                difference_truncation: costs.3,
+                p1: penalties.0,
+                p2,
+                p2_floor: penalties.2.min(p2),
+                p2_adaptation_q4: penalties.3,
+                left_right_tolerance_px: checks.0,
+                margin: checks.1,
+                vote: refinement.0,
+                weighted_median: refinement.1,
+                // Whatever else there may come.
+            }
+        },
+    )
+}
+
+fn parameters() -> impl Strategy<Value = Parameters> {
+    let support = (0_u8..9, 0_u8..6).prop_map(|(x_px, y_px)| Support { x_px, y_px });
+    let own = (
+        1_u16..=8,
+        prop::array::uniform2(0.3_f32..6.0),
+        support,
+        any::<u64>(),
+        aggregation(),
+    )
+        .prop_map(
+            |(words, sigmas_px, support, seed, aggregation)| Parameters {
+                synapses: 16 * words,
+                sigmas_px,
+                support,
+                seed,
+                method: Method::Aggregation(aggregation),
+            },
+        );
+    prop_oneof![
+        1 => any::<u64>().prop_map(|seed| Preset::Micro.parameters().with_seed(seed)),
+        3 => own,
+    ]
+}
+
+fn disparities(width: usize) -> impl Strategy<Value = DisparityRange> {
+    let widest = width as i16 - 1;
+    (-widest..=widest).prop_flat_map(move |minimum_px| {
+        (minimum_px..=widest).prop_map(move |maximum_px| DisparityRange {
+            minimum_px,
+            count: (maximum_px - minimum_px + 1).unsigned_abs(),
+        })
+    })
+}
+
+/// A pair of `width` columns and a right view that follows the left at a few disparities,
+/// so that some matches hold, some do not, and lines in between have none.
+fn follow(pair: &mut Pair, format: PixelFormat, range: DisparityRange, seed: u64) {
+    let mut random = Pcg32::seed_from_u64(seed);
+    let bytes = format.bytes_per_pixel();
+    let row_bytes = pair.width * bytes;
+    let lines = pair
+        .left
+        .chunks_exact(row_bytes)
+        .zip(pair.right.chunks_exact_mut(row_bytes));
+    for (left, right) in lines {
+        if random.next_u32() % 8 == 0 {
+            continue;
+        }
+        let mut shift = range.minimum_px;
+        for x in 0..pair.width {
+            if x == 0 || random.next_u32() % 16 == 0 {
+                let index = random.next_u32() % u32::from(range.count);
+                shift = range.minimum_px + index as i16;
+            }
+            let Some(from) = x.checked_add_signed(shift.into()) else {
+                continue;
+            };
+            if from < pair.width && random.next_u32() % 32 > 0 {
+                right[x * bytes..(x + 1) * bytes]
+                    .copy_from_slice(&left[from * bytes..(from + 1) * bytes]);
+            }
+        }
+    }
+}
+
+/// A pair and all of a configuration that fits it, the region the whole view.
+fn matching() -> impl Strategy<Value = (Pair, Config)> {
+    let format = prop_oneof![Just(PixelFormat::Grey8), Just(PixelFormat::Rgb888)];
+    let reference = prop_oneof![Just(Reference::Left), Just(Reference::Right)];
+    let size = (1_usize..=70, 1_usize..26, 2_u32..=256, any::<u64>());
+    (size, format, reference, parameters()).prop_flat_map(
+        |((width, height, levels, seed), format, reference, parameters)| {
+            disparities(width).prop_map(move |disparities| {
+                let mut pair = Pair::random_in(format, width, height, levels, seed);
+                if seed % 4 > 0 {
+                    follow(&mut pair, format, disparities, seed);
+                }
+                let config = Config {
+                    reference,
+                    format,
+                    ..Config::new(parameters, width as u16, disparities)
+                };
+                (pair, config)
+            })
+        },
+    )
+}
+
+/// The columns of every line in the opposite order.
+fn mirrored<T: Copy>(values: &[T], width: usize, per_pixel: usize) -> Vec<T> {
+    let lines = values.chunks_exact(width * per_pixel);
+    lines
+        .flat_map(|line| line.chunks_exact(per_pixel).rev().flatten().copied())
+        .collect()
+}
+
+/// What every line must hold, whatever the views show.
+#[track_caller]
+fn assert_sound(map: &Map, config: &Config) {
+    let range = config.disparities.range_px();
+    let range_q4 = px_to_q4(range.start as i16)..=px_to_q4((range.end - 1) as i16);
+    for (&disparity_q4, &confidence) in map.disparities_q4.iter().zip(&map.confidences) {
+        if disparity_q4 == INVALID {
+            assert_eq!(confidence, 0, "confidence of no disparity");
+        } else {
+            assert!(range_q4.contains(&disparity_q4), "{disparity_q4}");
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 150, ..ProptestConfig::default() })]
+
+    #[test]
+    fn all_kernels_give_the_bits_of_the_oracle((pair, config) in matching()) {
+        let (disparities_q4, confidences) = surface::match_whole(&pair, &config);
+        let expected = Map { disparities_q4, confidences };
+        for kernels in HostKernels::available() {
+            let found = pair.stream_with_confidences(&config, kernels);
+            prop_assert_eq!(&found.disparities_q4, &expected.disparities_q4, "{}", kernels.name());
+            prop_assert_eq!(&found.confidences, &expected.confidences, "{}", kernels.name());
+        }
+    }
+
+    #[test]
+    fn lines_are_sound((pair, config) in matching()) {
+        assert_sound(&pair.stream_with_confidences(&config, HostKernels::fastest()), &config);
+    }
+
+    /// Offsets without columns are their own mirror image, and then so is the method.
+    #[test]
+    fn the_right_view_is_the_left_one_of_the_mirrored_pair((pair, config) in matching()) {
+        let mut config = config;
+        config.parameters.support.x_px = 0;
+        let pixel = config.format.bytes_per_pixel();
+        let exchanged = Pair {
+            left: mirrored(&pair.right, pair.width, pixel),
+            right: mirrored(&pair.left, pair.width, pixel),
+            ..pair.clone()
+        };
+        let right = Config { reference: Reference::Right, ..config };
+        let left = Config { reference: Reference::Left, ..config };
+        let found = pair.stream_with_confidences(&right, Portable);
+        let other = exchanged.stream_with_confidences(&left, Portable);
+        let expected = Map {
+            disparities_q4: mirrored(&other.disparities_q4, pair.width, 1),
+            confidences: mirrored(&other.confidences, pair.width, 1),
+        };
+        prop_assert!(found == expected);
+    }
+
+    /// Lines of colour that is not used are matched by their luma.
+    #[test]
+    fn without_colour_the_luma_is_matched((pair, config) in matching(), format in 0_usize..4) {
+        let format = PixelFormat::ALL[format];
+        let mut config = config;
+        if let Method::Aggregation(aggregation) = &mut config.parameters.method {
+            aggregation.colour = false;
+        }
+        let mut pair = Pair::random_in(format, pair.width, pair.height, 256, 1);
+        follow(&mut pair, format, config.disparities, 2);
+        let luma = |view: &[u8]| {
+            let mut grey = vec![0; pair.width * pair.height];
+            format.luma(view, &mut grey);
+            grey
+        };
+        let grey = Pair { left: luma(&pair.left), right: luma(&pair.right), ..pair.clone() };
+        let found = pair.stream_with_confidences(&Config { format, ..config }, Portable);
+        let grey_config = Config { format: PixelFormat::Grey8, ..config };
+        prop_assert!(found == grey.stream_with_confidences(&grey_config, Portable));
+    }
+
+    /// `stream_with_confidences` has no more than that, and it was not zero before.
+    #[test]
+    fn the_stated_memory_is_exact(
+        (pair, config) in matching(),
+        corners in any::<[prop::sample::Index; 2]>(),
+    ) {
+        let x = corners[0].index(pair.width);
+        let width = 1 + corners[1].index(pair.width - x);
+        let region = Region { x: x as u16, width: width as u16, ..config.region };
+        for config in [config, Config { region, ..config }] {
+            let mut memory = vec![u32::MAX; config.memory_words()];
+            prop_assert!(Matcher::new(&config, Portable, &mut memory).is_ok());
+            let refused = Matcher::new(&config, Portable, &mut memory[1..]).err();
+            prop_assert_eq!(refused, Some(ConfigError::Memory(OutOfMemory)));
+        }
+    }
+
+    #[test]
+    fn two_frames_in_a_row_equal_each_alone(
+        (first, config) in matching(),
+        height in 1_usize..26,
+        broken_off in any::<prop::sample::Index>(),
+        seed in any::<u64>(),
+    ) {
+        let mut second = Pair::random_in(config.format, first.width, height, 200, seed);
+        follow(&mut second, config.format, config.disparities, seed);
+        let alone = [&first, &second].map(|pair| pair.stream_with_confidences(&config, Portable));
+        let mut memory = vec![u32::MAX; config.memory_words()];
+        let mut matcher = Matcher::new(&config, Portable, &mut memory).unwrap();
+        prop_assert!(first.stream_through(&mut matcher) == alone[0]);
+        prop_assert!(second.stream_through(&mut matcher) == alone[1]);
+        for (left, right) in first.lines(config.format).take(broken_off.index(first.height)) {
+            matcher.push(left, right).unwrap();
+        }
+        matcher.reset();
+        prop_assert!(second.stream_through(&mut matcher) == alone[1]);
+    }
+
+    /// Columns of a region are a crop of its lines: whole lines are matched.
+    #[test]
+    fn columns_of_a_region_are_a_crop(
+        (pair, config) in matching(),
+        corners in any::<[prop::sample::Index; 4]>(),
+    ) {
+        let x = corners[0].index(pair.width);
+        let y = corners[1].index(pair.height) as u32;
+        let width = 1 + corners[2].index(pair.width - x);
+        let height = 1 + corners[3].index(pair.height - y as usize) as u32;
+        let lines = Region { y, height, ..config.region };
+        let whole = pair.stream_with_confidences(&Config { region: lines, ..config }, Portable);
+        let region = Region { x: x as u16, width: width as u16, ..lines };
+        let found = pair.stream_with_confidences(&Config { region, ..config }, Portable);
+        let crop = |line: &[i16]| line[x..x + width].to_vec();
+        let disparities_q4 = whole.disparities_q4.chunks(pair.width).flat_map(crop).collect();
+        let crop = |line: &[u8]| line[x..x + width].to_vec();
+        let confidences = whole.confidences.chunks(pair.width).flat_map(crop).collect();
+        let expected = Map { disparities_q4, confidences };
+        prop_assert!(found == expected);
+    }
+
+    /// Below a region only the lines that the synapses reach matter: neither what is
+    /// further down nor when the lines of the region are flushed.
+    #[test]
+    fn lines_below_the_reach_of_a_region_do_not_matter(
+        (pair, config) in matching(),
+        corners in any::<[prop::sample::Index; 2]>(),
+    ) {
+        let y = corners[0].index(pair.height);
+        let height = 1 + corners[1].index(pair.height - y);
+        let region = Region { y: y as u32, height: height as u32, ..config.region };
+        let config = Config { region, ..config };
+        let end = (y + height + usize::from(config.parameters.support.y_px)).min(pair.height);
+        let bytes = end * config.format.line_bytes(config.width);
+        let cut = Pair {
+            height: end,
+            left: pair.left[..bytes].to_vec(),
+            right: pair.right[..bytes].to_vec(),
+            ..pair.clone()
+        };
+        let found = pair.stream_with_confidences(&config, Portable);
+        prop_assert!(found == cut.stream_with_confidences(&config, Portable));
+    }
+}
+
+/// A shifted texture is found again at its shift, for both references, at a negative one
+/// too, in grey and in colour.
+#[test]
+fn a_shifted_texture_has_its_shift() {
+    let (width, height, shift) = (96_usize, 24, 7_usize);
+    for format in [PixelFormat::Grey8, PixelFormat::Rgb888] {
+        let pixel = format.bytes_per_pixel();
+        let mut random = Pcg32::seed_from_u64(4);
+        let strip: Vec<u8> = (0..(width + shift) * height * pixel)
+            .map(|_| random.next_u32() as u8)
+            .collect();
+        let cut = |from: usize| -> Vec<u8> {
+            let lines = strip.chunks_exact((width + shift) * pixel);
+            lines
+                .flat_map(|line| line[from * pixel..(from + width) * pixel].to_vec())
+                .collect()
+        };
+        let (near, far) = (cut(0), cut(shift));
+        for (left, right, expected) in [(&near, &far, 7), (&far, &near, -7)] {
+            let pair = Pair {
+                width,
+                height,
+                left: left.clone(),
+                right: right.clone(),
+            };
+            for reference in [Reference::Left, Reference::Right] {
+                let range = DisparityRange {
+                    minimum_px: -12,
+                    count: 25,
+                };
+                let config = Config {
+                    reference,
+                    format,
+                    ..Config::new(Preset::Micro.parameters(), width as u16, range)
+                };
+                let map = pair.stream_with_confidences(&config, Portable);
+                assert_sound(&map, &config);
+                let lines = map.disparities_q4.chunks_exact(width);
+                for (line, confidences) in lines.zip(map.confidences.chunks_exact(width)) {
+                    // Where the match and all samples are inside both views. A parabola
+                    // through the sums may lean by a sixteenth.
+                    let inner = 20..width - 20;
+                    for (&d, &confidence) in line[inner.clone()].iter().zip(&confidences[inner]) {
+                        assert!(
+                            (d - expected * 16).abs() <= 1,
+                            "{format:?}, {reference:?}: {d}"
+                        );
+                        assert!(confidence > 0, "{format:?}, {reference:?}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The sizes where mistakes hide, by name rather than by chance.
+#[test]
+fn extreme_sizes_are_alike_for_all_kernels() {
+    for (width, height) in [
+        (1, 1),
+        (1, 40),
+        (2, 1),
+        (31, 9),
+        (32, 9),
+        (33, 9),
+        (63, 3),
+        (64, 3),
+        (65, 20),
+    ] {
+        for reference in [Reference::Left, Reference::Right] {
+            for format in PixelFormat::ALL {
+                let range = DisparityRange::up_to(width as u16 - 1);
+                let mut pair = Pair::random_in(format, width, height, 9, 5);
+                follow(&mut pair, format, range, 6);
+                let config = Config {
+                    reference,
+                    format,
+                    ..Config::new(Preset::Micro.parameters(), width as u16, range)
+                };
+                let expected = pair.stream_with_confidences(&config, Portable);
+                for kernels in HostKernels::available() {
+                    let found = pair.stream_with_confidences(&config, kernels);
+                    assert!(
+                        found == expected,
+                        "{width}x{height}, {reference:?}, {format:?}, {}",
+                        kernels.name()
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// The lines of a region of one line wait longest: what they look at must still be there.
+#[test]
+fn a_region_of_one_line_waits_for_its_latency() {
+    let pair = Pair::random(40, 30, 200, 3);
+    let reaches = [None, Some(0), Some(1), Some(2)];
+    for (ahead, vote, median) in [0, 1, 3]
+        .into_iter()
+        .flat_map(|ahead| reaches.map(|vote| (ahead, vote)))
+        .flat_map(|(ahead, vote)| reaches.map(|median| (ahead, vote, median)))
+    {
+        let full = micro();
+        let parameters = Parameters {
+            support: Support {
+                x_px: 3,
+                y_px: ahead,
+            },
+            method: Method::Aggregation(Aggregation {
+                margin: 1,
+                vote: vote.map(|reach_y_px| RegionVoteParameters {
+                    reach_y_px,
+                    ..full.vote.unwrap()
+                }),
+                weighted_median: median.map(|reach_y_px| WeightedMedianParameters {
+                    reach_y_px,
+                    ..full.weighted_median.unwrap()
+                }),
+                ..full
+            }),
+            ..Preset::Micro.parameters()
+        };
+        for height in 1..4 {
+            let mut config = Config::new(parameters, 40, DisparityRange::up_to(15));
+            config.region = Region {
+                y: 5,
+                height,
+                ..config.region
+            };
+            // The frame ends where the region's synapses end: nothing comes after.
+            let end = 40 * (5 + height as usize + usize::from(ahead));
+            let cut = Pair {
+                left: pair.left[..end].to_vec(),
+                right: pair.right[..end].to_vec(),
+                ..pair.clone()
+            };
+            let found = pair.stream_with_confidences(&config, Portable);
+            let expected = cut.stream_with_confidences(&config, Portable);
+            assert!(
+                found == expected,
+                "{height} lines; reaches: synapses {ahead}, vote {vote:?}, median {median:?}"
+            );
+        }
+    }
+}
+
+/// As many disparities as fit 16 bits in 1/16 px run, one more is refused.
+#[test]
+fn the_widest_range_of_disparities_runs() {
+    let (width, shift) = (2100_usize, 1500_usize);
+    let mut random = Pcg32::seed_from_u64(9);
+    let strip: Vec<u8> = (0..width + shift)
+        .map(|_| random.next_u32() as u8)
+        .collect();
+    let pair = Pair {
+        width,
+        height: 2,
+        left: strip[..width].repeat(2),
+        right: strip[shift..].repeat(2),
+    };
+    let wider = DisparityRange {
+        minimum_px: -2047,
+        count: 2049,
+    };
+    let config = Config::new(Preset::Micro.parameters(), width as u16, wider);
+    assert_eq!(config.validate(), Err(ConfigError::Disparities));
+    let range = DisparityRange {
+        minimum_px: -300,
+        count: 2048,
+    };
+    let config = Config::new(Preset::Micro.parameters(), width as u16, range);
+    let map = pair.stream_with_confidences(&config, HostKernels::fastest());
+    assert_sound(&map, &config);
+    let found = &map.disparities_q4[shift + 40..width - 40];
+    assert!(found.iter().all(|&d| (d - 1500 * 16).abs() <= 4));
+}
+
+/// Every cell of a pattern differs in the negative of an image: the dearest pattern.
+#[test]
+fn the_dearest_patterns_cost_the_most() {
+    for (synapses, hamming_scale, kept_cells_q8) in [
+        (1024, 250, 256),
+        (512, 250, 256),
+        (1024, 250, 128),
+        (1024, 96, 256),
+    ] {
+        let parameters = Parameters {
+            synapses,
+            sigmas_px: [10.0; 2],
+            support: Support::square(30),
+            seed: 1,
+            method: Method::Aggregation(Aggregation {
+                hamming_scale,
+                hamming_truncation: 170,
+                p1: 10,
+                p2: 75,
+                p2_floor: 15,
+                kept_cells_q8,
+                mask_floor: 0,
+                difference_weight_q4: 0,
+                difference_truncation: 0,
+                left_right_tolerance_px: u8::MAX,
+                margin: 1,
+                vote: None,
+                weighted_median: None,
+                ..micro()
+            }),
+        };
+        let width = 80;
+        let mut pair = Pair::random(width, 20, 256, 2);
+        pair.right = pair.left.iter().map(|level| !level).collect();
+        let config = Config::new(parameters, width as u16, DisparityRange::up_to(1));
+        let map = pair.stream_with_confidences(&config, Portable);
+        // At disparity 0 all cells differ, at 1 half of them do.
+        let lines = map.disparities_q4.chunks_exact(width);
+        for (y, line) in lines.enumerate() {
+            assert!(
+                line[1..].iter().all(|&d| d == 16),
+                "{synapses}, {hamming_scale}, {kept_cells_q8}, line {y}: {line:?}"
+            );
+        }
+    }
+}
