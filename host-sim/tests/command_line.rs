@@ -222,6 +222,8 @@ fn match_reads_every_format_and_gives_the_same_map() {
             "a.png",
             "--d-max",
             "20",
+            "--preset",
+            "paper-raw",
         ]);
         assert_eq!(outcome.code, Some(0), "{name}: {}", outcome.stderr);
         let map = image::open(fixture.path("a.png")).unwrap();

@@ -60,7 +60,7 @@ pub struct Demo {
     #[arg(long, value_enum, default_value_t = Wire::Separate)]
     layout: Wire,
     /// Pixel format on the wire.
-    #[arg(long, value_enum, default_value_t = Pixels::Grey8)]
+    #[arg(long, value_enum, default_value_t = Pixels::Rgb888)]
     pixels: Pixels,
 }
 

@@ -48,7 +48,7 @@ pub struct Match {
     )]
     min_disparity: i16,
     /// Preset; `vgstereo presets` lists them.
-    #[arg(long, value_name = "P", default_value_t = Preset::Paper, value_parser = parse_preset)]
+    #[arg(long, value_name = "P", default_value_t = Preset::Balanced, value_parser = parse_preset)]
     preset: Preset,
     /// The view that gets the disparities.
     #[arg(long, value_enum, default_value_t = View::Left)]
