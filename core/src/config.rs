@@ -18,6 +18,8 @@ pub const MAX_MEDIAN_REACH_PX: u8 = 63;
 
 /// The method's parameters: all that a preset fixes.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct Parameters {
     /// |W|: 16 to 1024, a multiple of 16.
     pub synapses: u16,
@@ -34,6 +36,8 @@ pub struct Parameters {
 
 /// What is made of the patterns.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(tag = "kind", rename_all = "kebab-case"))]
 pub enum Method {
     /// The nearest pattern's disparity, as the paper has it.
     Recall(Recall),
@@ -43,6 +47,8 @@ pub enum Method {
 
 /// The paper's method and its post-processing.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct Recall {
     /// How ties are broken.
     pub ties: TieBreak,
@@ -56,6 +62,8 @@ pub struct Recall {
 
 /// Costs, their semi-global aggregation, and what follows it.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct Aggregation {
     /// Whether colour is used where lines have it: for masks, differences of levels, vote
     /// and weighted median. Patterns are of grey in any case.
@@ -94,6 +102,8 @@ pub struct Aggregation {
 
 /// Parameters of [`RegionVote`](crate::refine::RegionVote).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct RegionVoteParameters {
     /// Reach along the line, px, at most 127.
     pub reach_x_px: u8,
@@ -111,6 +121,8 @@ pub struct RegionVoteParameters {
 
 /// Parameters of [`WeightedMedian`](crate::refine::WeightedMedian).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct WeightedMedianParameters {
     /// Reach along the line, px, at most 30.
     pub reach_x_px: u8,

@@ -18,6 +18,8 @@ pub const MAX_SIGMA_PX: f32 = 10.0;
 
 /// How far offsets may reach from the centre: `|dx| <= x_px`, `|dy| <= y_px`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct Support {
     /// Reach along the line, px, at most 127.
     pub x_px: u8,

@@ -8,6 +8,7 @@ pub mod files;
 pub mod frame;
 pub mod kernels;
 pub mod metrics;
+pub mod parameters;
 pub mod pictures;
 pub mod render;
 pub mod scene;

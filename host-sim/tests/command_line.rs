@@ -705,6 +705,62 @@ fn sweep_prints_the_stated_json_and_plots() {
 }
 
 #[test]
+fn parameters_come_from_a_file_and_from_the_command_line() {
+    let fixture = two_scenes();
+    let toml = fixture.run(&["presets", "--toml", "lite"]);
+    assert_eq!(toml.code, Some(0), "{}", toml.stderr);
+    fs::write(fixture.path("lite.toml"), toml.stdout).unwrap();
+    let map = |name: &str, more: &[&str]| {
+        let mut arguments = vec![
+            "match",
+            "left.png",
+            "right.png",
+            "--d-max",
+            "20",
+            "--out",
+            name,
+        ];
+        arguments.extend(more);
+        let outcome = fixture.run(&arguments);
+        assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+        fs::read(fixture.path(name)).unwrap()
+    };
+    let lite = map("a.png", &["--preset", "lite"]);
+    assert_eq!(
+        lite,
+        map("b.png", &["--preset", "quality", "--config", "lite.toml"])
+    );
+    let changed = [
+        "--preset",
+        "lite",
+        "--set",
+        "method.p1=1",
+        "--set",
+        "method.p2=20",
+    ];
+    assert_ne!(lite, map("c.png", &changed));
+    fs::write(fixture.path("bad.toml"), "[method]\np1 = 300\n").unwrap();
+    fs::write(fixture.path("cut.toml"), "[method\n").unwrap();
+    fs::write(fixture.path("typo.toml"), "synapsis = 64\n").unwrap();
+    for (more, words) in [
+        (
+            &["--config", "none.toml"][..],
+            &["none.toml", "No such file"][..],
+        ),
+        (&["--config", "bad.toml"], &["bad.toml", "300"]),
+        (&["--config", "cut.toml"], &["cut.toml"]),
+        (&["--config", "typo.toml"], &["typo.toml", "synapsis"]),
+        (&["--set", "method.p3=1"], &["method.p3=1", "p3"]),
+        (&["--set", "p1"], &["KEY=VALUE"]),
+        (&["--set", "method.p2=250"], &["255"]),
+    ] {
+        let mut arguments = vec!["eval", "set", "--preset", "lite"];
+        arguments.extend(more);
+        fixture.refuses(&arguments, words);
+    }
+}
+
+#[test]
 fn presets_are_listed_with_their_memory() {
     let fixture = Fixture::new();
     let outcome = fixture.run(&["presets", "--width", "450", "--d-max", "59"]);

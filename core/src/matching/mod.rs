@@ -31,6 +31,8 @@ use crate::neuron::pick;
 
 /// How the nearest of several stored patterns at the same distance is chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum TieBreak {
     /// The lowest disparity.
     Lowest,

@@ -168,9 +168,9 @@ impl Eval {
             for ((&seed, &preset), reports) in runs.zip(&mut reports) {
                 let overrides = Overrides {
                     seed,
-                    ..self.overrides
+                    ..self.overrides.clone()
                 };
-                reports.push(self.measure(&prepared, preset, overrides)?);
+                reports.push(self.measure(&prepared, preset, &overrides)?);
                 bar.inc(1);
             }
         }
@@ -201,9 +201,9 @@ impl Eval {
         &self,
         prepared: &Prepared,
         preset: Preset,
-        overrides: Overrides,
+        overrides: &Overrides,
     ) -> Result<SceneReport> {
-        let matched = prepared.matched(overrides.apply(preset), self.threads)?;
+        let matched = prepared.matched(overrides.apply(preset)?, self.threads)?;
         let bad = prepared.measure(&matched, self.threshold)?;
         let scene = &prepared.scene;
         let (width, height) = scene.left.dimensions();

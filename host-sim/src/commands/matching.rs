@@ -116,7 +116,7 @@ impl Match {
                 View::Right => Reference::Right,
             },
             format: views.format,
-            ..Config::new(self.overrides.apply(self.preset), width, disparities)
+            ..Config::new(self.overrides.apply(self.preset)?, width, disparities)
         };
         let matched = match_frame(&config, &views, HostKernels::fastest(), self.threads)?;
         let map = &matched.disparities_q4;

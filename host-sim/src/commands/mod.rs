@@ -1,5 +1,6 @@
 //! The commands of `vgstereo`, each with its arguments and what it prints.
 
+use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
@@ -10,6 +11,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use vgstereo_core::config::Parameters;
 use vgstereo_core::preset::Preset;
 
+use crate::parameters::{with_file, with_setting};
 use crate::views::Views;
 
 pub mod demo;
@@ -60,10 +62,18 @@ impl CommandLine {
     }
 }
 
-/// Parameters that replace those of a preset.
-#[derive(Debug, Clone, Copy, Default, Args)]
+/// Parameters that replace those of a preset, later ones over earlier ones.
+#[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Parameters, instead of the preset's")]
 pub struct Overrides {
+    /// TOML file of parameters; those it leaves out stay the preset's. `vgstereo presets
+    /// --toml NAME` prints one to start from.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Any parameter by its name in that file, such as `method.p1=12`; `none` leaves a stage
+    /// out, such as `method.vote=none`. May be repeated.
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
     /// Synapses per neuron, |W|: a multiple of 16 from 16 to 1024.
     #[arg(long, value_name = "N")]
     pub synapses: Option<u16>,
@@ -78,9 +88,17 @@ pub struct Overrides {
 
 impl Overrides {
     /// The preset's parameters with these in their place.
-    #[must_use]
-    pub fn apply(self, preset: Preset) -> Parameters {
+    ///
+    /// # Errors
+    /// One line that names the file or option and the reason.
+    pub fn apply(&self, preset: Preset) -> Result<Parameters> {
         let mut parameters = preset.parameters();
+        if let Some(path) = &self.config {
+            parameters = with_file(&parameters, path)?;
+        }
+        for setting in &self.set {
+            parameters = with_setting(&parameters, setting)?;
+        }
         if let Some(synapses) = self.synapses {
             parameters.synapses = synapses;
         }
@@ -90,7 +108,7 @@ impl Overrides {
         if let Some(seed) = self.seed {
             parameters = parameters.with_seed(seed);
         }
-        parameters
+        Ok(parameters)
     }
 }
 

@@ -7,7 +7,8 @@ use vgstereo_core::config::Config;
 use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::preset::Preset;
 
-use super::{kib, table};
+use super::{kib, parse_preset, table};
+use crate::parameters::to_toml;
 
 /// Arguments of `vgstereo presets`.
 #[derive(Debug, Args)]
@@ -18,14 +19,20 @@ pub struct Presets {
     /// Largest disparity searched, px, smaller than the width.
     #[arg(long, value_name = "N", default_value_t = 59)]
     d_max: u16,
+    /// Print this preset's parameters as TOML, a start for one's own (`--config`).
+    #[arg(long, value_name = "NAME", value_parser = parse_preset)]
+    toml: Option<Preset>,
 }
 
 impl Presets {
-    /// Prints the table.
+    /// Prints the table, or one preset as TOML.
     ///
     /// # Errors
     /// When the disparities do not fit the width.
     pub fn run(self) -> Result<String> {
+        if let Some(preset) = self.toml {
+            return to_toml(&preset.parameters());
+        }
         let disparities = DisparityRange::up_to(self.d_max);
         ensure!(
             disparities.fits(self.width),

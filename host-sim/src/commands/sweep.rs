@@ -133,8 +133,9 @@ impl Sweep {
             synapses: Some(synapses),
             sigma: Some(sigma),
             seed: self.seed,
+            ..Overrides::default()
         };
-        let matched = scene.matched(overrides.apply(self.preset), 1)?;
+        let matched = scene.matched(overrides.apply(self.preset)?, 1)?;
         let bad = scene.measure(&matched, self.threshold)?;
         Ok(Point {
             scene: scene.scene.name.clone(),

@@ -1,0 +1,151 @@
+//! Parameters as TOML: a preset's, with some of them replaced.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, anyhow, bail};
+use toml::{Table, Value};
+use vgstereo_core::config::{Method, Parameters};
+
+/// What switches an optional stage off, in a file and on the command line.
+const NONE: &str = "none";
+
+/// Parameters as a TOML document, to start one's own from.
+///
+/// # Errors
+/// None is expected: all parameters have a place in TOML.
+pub fn to_toml(parameters: &Parameters) -> Result<String> {
+    let mut table = Table::try_from(parameters)?;
+    // Said rather than left out, so that it holds over another preset's stages too.
+    if let (Method::Aggregation(_), Some(Value::Table(method))) =
+        (parameters.method, table.get_mut("method"))
+    {
+        for stage in ["vote", "weighted_median"] {
+            method.entry(stage).or_insert(NONE.into());
+        }
+    }
+    Ok(toml::to_string_pretty(&table)?)
+}
+
+/// Parameters with those of a file in their place.
+///
+/// # Errors
+/// One line that names the file and the reason.
+pub fn with_file(parameters: &Parameters, path: &Path) -> Result<Parameters> {
+    let text =
+        std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let changes: Table = text
+        .parse()
+        .map_err(|error: toml::de::Error| anyhow!("{}: {}", path.display(), error.message()))?;
+    let mut table = Table::try_from(parameters)?;
+    merge(&mut table, changes);
+    from_table(table).with_context(|| path.display().to_string())
+}
+
+/// Parameters with one in its place: `key=value`, dots between the names of a key, the
+/// value as in TOML, `none` for a stage to leave out.
+///
+/// # Errors
+/// One line that names the setting and the reason.
+pub fn with_setting(parameters: &Parameters, setting: &str) -> Result<Parameters> {
+    let (key, value) = setting
+        .split_once('=')
+        .with_context(|| format!("--set {setting}: it must be KEY=VALUE"))?;
+    let value: Value = match value.trim() {
+        NONE => Value::String(NONE.to_owned()),
+        value => {
+            let document: Table = format!("value = {value}")
+                .parse()
+                .map_err(|_| anyhow!("--set {setting}: the value is not a TOML value"))?;
+            document.get("value").cloned().context("a value was set")?
+        }
+    };
+    let mut names = key.trim().split('.').rev();
+    let last = names.next().unwrap_or_default();
+    let mut changes = Table::from_iter([(last.to_owned(), value)]);
+    for name in names {
+        changes = Table::from_iter([(name.to_owned(), Value::Table(changes))]);
+    }
+    let mut table = Table::try_from(parameters)?;
+    merge(&mut table, changes);
+    from_table(table).with_context(|| format!("--set {setting}"))
+}
+
+fn from_table(table: Table) -> Result<Parameters> {
+    match table.try_into() {
+        Ok(parameters) => Ok(parameters),
+        Err(error) => bail!("{}", error.message()),
+    }
+}
+
+/// Replaces what `changes` names. A method of another kind replaces the method whole.
+fn merge(table: &mut Table, changes: Table) {
+    for (key, value) in changes {
+        match (table.get_mut(&key), value) {
+            (_, Value::String(none)) if none == NONE => {
+                table.remove(&key);
+            }
+            (Some(Value::Table(own)), Value::Table(changes))
+                if changes
+                    .get("kind")
+                    .is_none_or(|kind| own.get("kind") == Some(kind)) =>
+            {
+                merge(own, changes);
+            }
+            (_, Value::Table(whole)) => {
+                let mut own = Table::new();
+                merge(&mut own, whole);
+                table.insert(key, own.into());
+            }
+            (_, value) => {
+                table.insert(key, value);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vgstereo_core::preset::Preset;
+
+    #[test]
+    fn every_preset_reads_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("p.toml");
+        for preset in Preset::ALL {
+            let parameters = preset.parameters();
+            std::fs::write(&path, to_toml(&parameters).unwrap()).unwrap();
+            for other in Preset::ALL {
+                let read = with_file(&other.parameters(), &path).unwrap();
+                assert_eq!(read, parameters, "{preset} over {other}");
+            }
+        }
+    }
+
+    #[test]
+    fn settings_replace_one_parameter_each() {
+        let micro = Preset::Micro.parameters();
+        let set = |setting: &str| with_setting(&micro, setting);
+        assert_eq!(set("synapses=128").unwrap().synapses, 128);
+        assert_eq!(set("sigmas_px = [2.5, 1]").unwrap().sigmas_px, [2.5, 1.0]);
+        let Method::Aggregation(changed) = set("method.vote.reach_y_px=2").unwrap().method else {
+            panic!("micro aggregates");
+        };
+        assert_eq!(changed.vote.unwrap().reach_y_px, 2);
+        let Method::Aggregation(changed) = set("method.vote=none").unwrap().method else {
+            panic!("micro aggregates");
+        };
+        assert_eq!(changed.vote, None);
+        for (setting, word) in [
+            ("synapses", "KEY=VALUE"),
+            ("synapses=many", "TOML"),
+            ("synapses=-1", "synapses=-1"),
+            ("synapse=64", "synapse"),
+            ("method.p3=1", "p3"),
+            ("method.p1=none", "p1"),
+        ] {
+            let error = format!("{:#}", set(setting).unwrap_err());
+            assert!(error.contains(word), "{setting}: {error}");
+        }
+    }
+}
