@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 use vgstereo_core::config::{Config, ConfigError, Method, Recall, Region};
+use vgstereo_core::disparity::INVALID;
 use vgstereo_core::matcher::{Matcher, PushError};
 use vgstereo_core::matching::RowMatcher;
 use vgstereo_core::memory::Arena;
@@ -21,12 +22,26 @@ pub const MAX_THREADS: usize = 256;
 pub struct Matched {
     /// Disparities of the region, 1/16 px, row-major.
     pub disparities_q4: Vec<i16>,
+    /// Confidence of each: 0 where it was filled in or is not known.
+    pub confidences: Vec<u8>,
     /// Time from the first line in to the last line out, set-up of the memory excluded.
     pub time: Duration,
     /// Bytes of working memory that a matcher takes.
     pub working_bytes: usize,
     /// Lines from a pair going in to its disparities coming out.
     pub latency_lines: u32,
+}
+
+impl Matched {
+    /// Leaves only the disparities that were found: those that were filled in become
+    /// [`INVALID`].
+    pub fn make_sparse(&mut self) {
+        for (disparity_q4, &confidence) in self.disparities_q4.iter_mut().zip(&self.confidences) {
+            if confidence == 0 {
+                *disparity_q4 = INVALID;
+            }
+        }
+    }
 }
 
 /// Why a frame was not matched.
@@ -82,6 +97,7 @@ pub fn match_frame(
     }
     let mut memory = vec![0; config.memory_words()];
     let mut disparities_q4 = Vec::new();
+    let mut confidences = Vec::new();
     let started;
     match &config.parameters.method {
         Method::Recall(recall) if threads > 1 => {
@@ -92,11 +108,13 @@ pub fn match_frame(
                 for row in band.chunks_exact(candidates_length(config, recall)) {
                     if refiner.push(row) {
                         disparities_q4.extend_from_slice(refiner.line_q4());
+                        confidences.extend_from_slice(refiner.line_confidences());
                     }
                 }
             }
             while refiner.flush() {
                 disparities_q4.extend_from_slice(refiner.line_q4());
+                confidences.extend_from_slice(refiner.line_confidences());
             }
         }
         _ => {
@@ -105,16 +123,19 @@ pub fn match_frame(
             for (left, right) in views.lines() {
                 if let Some(line) = matcher.push(left, right)? {
                     disparities_q4.extend_from_slice(line.disparities_q4);
+                    confidences.extend_from_slice(line.confidences);
                 }
             }
             while let Some(line) = matcher.finish() {
                 disparities_q4.extend_from_slice(line.disparities_q4);
+                confidences.extend_from_slice(line.confidences);
             }
         }
     }
     Ok(Matched {
         time: started.elapsed(),
         disparities_q4,
+        confidences,
         working_bytes: config.memory_words() * size_of::<u32>(),
         latency_lines: config.parameters.latency_lines(),
     })

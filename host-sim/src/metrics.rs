@@ -19,15 +19,21 @@ pub struct BadPixels {
 }
 
 impl BadPixels {
-    /// Measures `disparities_q4`, 1/16 px, of the left view against its truth.
+    /// Measures `disparities_q4`, 1/16 px, of the left view against its truth. A pixel
+    /// without a disparity is bad, or with `sparse` does not count.
     #[must_use]
-    pub fn measure(disparities_q4: &[i16], truth: &GroundTruth, threshold_px: f32) -> Self {
+    pub fn measure(
+        disparities_q4: &[i16],
+        truth: &GroundTruth,
+        threshold_px: f32,
+        sparse: bool,
+    ) -> Self {
         let over = |mask: &Option<Mask>| {
             let mask = mask.as_deref()?;
             let mut pixels = 0_u32;
             let mut bad = 0_u32;
             for ((&found, &known), &inside) in disparities_q4.iter().zip(&truth.left_px).zip(mask) {
-                if inside && !known.is_nan() {
+                if inside && !known.is_nan() && !(sparse && found == INVALID) {
                     pixels += 1;
                     bad += u32::from(is_bad(found, known, threshold_px));
                 }
@@ -80,11 +86,13 @@ mod tests {
             all: Some(vec![true; 4].into()),
             disc: None,
         };
-        let found = BadPixels::measure(&[16, 16 * 4, INVALID, 0], &truth, 1.0);
+        let found = BadPixels::measure(&[16, 16 * 4, INVALID, 0], &truth, 1.0, false);
         assert_eq!(found.nonocc, Some(0.0));
         assert!((found.all.unwrap() - 200.0 / 3.0).abs() < 1e-9);
         assert_eq!(found.disc, None);
         assert_eq!(found.invalid, 25.0);
         assert!((found.average().unwrap() - 100.0 / 3.0).abs() < 1e-9);
+        let sparse = BadPixels::measure(&[16, 16 * 4, INVALID, 0], &truth, 1.0, true);
+        assert_eq!((sparse.all, sparse.invalid), (Some(50.0), 25.0));
     }
 }

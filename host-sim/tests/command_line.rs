@@ -761,6 +761,57 @@ fn parameters_come_from_a_file_and_from_the_command_line() {
 }
 
 #[test]
+fn ablation_lists_the_stages_that_a_preset_has() {
+    let fixture = two_scenes();
+    for (preset, stages, missing) in [
+        (
+            "lite",
+            &["nothing", "aggregation", "left-right check"][..],
+            "vote",
+        ),
+        (
+            "micro",
+            &["nothing", "masks", "vote", "weighted median"],
+            "recall",
+        ),
+    ] {
+        let outcome = fixture.run(&["ablate", "set", "a", "--preset", preset]);
+        assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+        for stage in stages {
+            assert!(
+                outcome.stdout.contains(&format!("| {stage} ")),
+                "{}",
+                outcome.stdout
+            );
+        }
+        assert!(!outcome.stdout.contains(missing), "{}", outcome.stdout);
+    }
+    fixture.refuses(
+        &["ablate", "set", "--preset", "paper"],
+        &["paper", "no stages"],
+    );
+}
+
+/// What only one view sees is filled in, or left out when asked for.
+#[test]
+fn sparse_leaves_out_what_was_not_found() {
+    let fixture = two_scenes();
+    let invalid = |more: &[&str]| {
+        let mut arguments = vec!["eval", "set", "a", "--preset", "micro", "--json"];
+        arguments.extend(more);
+        let outcome = fixture.run(&arguments);
+        assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+        let report: serde_json::Value = serde_json::from_str(&outcome.stdout).unwrap();
+        report["presets"][0]["scenes"][0]["invalid"]
+            .as_f64()
+            .unwrap()
+    };
+    assert_eq!(invalid(&[]), 0.0);
+    // The first five of eighty columns match outside the right view.
+    assert!(invalid(&["--sparse"]) >= 6.25);
+}
+
+#[test]
 fn presets_are_listed_with_their_memory() {
     let fixture = Fixture::new();
     let outcome = fixture.run(&["presets", "--width", "450", "--d-max", "59"]);

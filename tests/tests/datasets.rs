@@ -64,7 +64,7 @@ fn average(folder: &std::path::Path, preset: Preset) -> Result<f64, Failed> {
     let config = Config::new(preset.parameters(), views.width, disparities);
     let matched = match_frame(&config, &views, HostKernels::fastest(), 1)?;
     let truth = scene.truth.ok_or("no ground truth")?;
-    let bad = BadPixels::measure(&matched.disparities_q4, &truth, 1.0);
+    let bad = BadPixels::measure(&matched.disparities_q4, &truth, 1.0, false);
     Ok(bad.average().ok_or("no mask")?)
 }
 

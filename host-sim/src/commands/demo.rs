@@ -164,7 +164,7 @@ impl Demo {
         let mut last = Vec::new();
         for preset in Preset::ALL {
             let run = self.match_scene(&scene, preset)?;
-            let bad = BadPixels::measure(&run.disparities_q4, truth, THRESHOLD_PX);
+            let bad = BadPixels::measure(&run.disparities_q4, truth, THRESHOLD_PX, false);
             table.add_row([
                 preset.name().to_owned(),
                 percent(bad.nonocc),

@@ -51,6 +51,10 @@ pub struct Eval {
     /// Match the grey of colour images.
     #[arg(long)]
     grey: bool,
+    /// Leave out what was filled in: percentages are of the disparities found, `invalid` is
+    /// the share of pixels without one.
+    #[arg(long)]
+    sparse: bool,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -119,13 +123,19 @@ impl Prepared {
     }
 
     /// Measures disparities against the truth.
-    pub(super) fn measure(&self, matched: &Matched, threshold_px: f32) -> Result<BadPixels> {
+    pub(super) fn measure(
+        &self,
+        matched: &Matched,
+        threshold_px: f32,
+        sparse: bool,
+    ) -> Result<BadPixels> {
         let truth = self.scene.truth.as_ref();
         let truth = truth.with_context(|| format!("{} has no ground truth", self.scene.name))?;
         Ok(BadPixels::measure(
             &matched.disparities_q4,
             truth,
             threshold_px,
+            sparse,
         ))
     }
 
@@ -203,8 +213,11 @@ impl Eval {
         preset: Preset,
         overrides: &Overrides,
     ) -> Result<SceneReport> {
-        let matched = prepared.matched(overrides.apply(preset)?, self.threads)?;
-        let bad = prepared.measure(&matched, self.threshold)?;
+        let mut matched = prepared.matched(overrides.apply(preset)?, self.threads)?;
+        if self.sparse {
+            matched.make_sparse();
+        }
+        let bad = prepared.measure(&matched, self.threshold, self.sparse)?;
         let scene = &prepared.scene;
         let (width, height) = scene.left.dimensions();
         if let Some(out) = &self.out {
@@ -276,13 +289,18 @@ impl Eval {
             let average = mean(PUBLISHED.iter().flat_map(|(_, masks)| *masks));
             table.add_row(average_row("published", "average", average));
         }
+        let among = if self.sparse {
+            ", of the disparities found"
+        } else {
+            " or without a disparity"
+        };
         let note = if published.is_empty() {
             ""
         } else {
             "; published: the paper's own figures"
         };
         format!(
-            "{table}\nbad pixels in percent, further than {} px from the truth or without a disparity{note}\n",
+            "{table}\nbad pixels in percent, further than {} px from the truth{among}{note}\n",
             self.threshold
         )
     }

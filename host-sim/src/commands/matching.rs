@@ -63,6 +63,9 @@ pub struct Match {
     /// Match the grey of colour images.
     #[arg(long)]
     grey: bool,
+    /// Leave out disparities that were filled in rather than found.
+    #[arg(long)]
+    sparse: bool,
     /// Threads; the map does not depend on their number.
     #[arg(long, value_name = "N", default_value_t = 1)]
     threads: usize,
@@ -118,7 +121,10 @@ impl Match {
             format: views.format,
             ..Config::new(self.overrides.apply(self.preset)?, width, disparities)
         };
-        let matched = match_frame(&config, &views, HostKernels::fastest(), self.threads)?;
+        let mut matched = match_frame(&config, &views, HostKernels::fastest(), self.threads)?;
+        if self.sparse {
+            matched.make_sparse();
+        }
         let map = &matched.disparities_q4;
         let mut files = vec![(self.out.as_path(), format.encode(map, width.into())?)];
         if let Some(path) = &self.color {

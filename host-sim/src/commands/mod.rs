@@ -14,6 +14,7 @@ use vgstereo_core::preset::Preset;
 use crate::parameters::{with_file, with_setting};
 use crate::views::Views;
 
+pub mod ablate;
 pub mod demo;
 pub mod eval;
 pub mod matching;
@@ -42,6 +43,8 @@ enum Command {
     Eval(eval::Eval),
     /// Measure the error over the number of synapses and sigma: the paper's Figures 3 to 6.
     Sweep(sweep::Sweep),
+    /// Measure a preset without each of its stages in turn.
+    Ablate(ablate::Ablate),
     /// Show each preset's parameters, working memory and latency.
     Presets(presets_table::Presets),
 }
@@ -57,6 +60,7 @@ impl CommandLine {
             Some(Command::Match(matching)) => matching.run(),
             Some(Command::Eval(eval)) => eval.run(),
             Some(Command::Sweep(sweep)) => sweep.run(),
+            Some(Command::Ablate(ablate)) => ablate.run(),
             Some(Command::Presets(presets)) => presets.run(),
         }
     }

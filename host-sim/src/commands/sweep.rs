@@ -136,7 +136,7 @@ impl Sweep {
             ..Overrides::default()
         };
         let matched = scene.matched(overrides.apply(self.preset)?, 1)?;
-        let bad = scene.measure(&matched, self.threshold)?;
+        let bad = scene.measure(&matched, self.threshold, false)?;
         Ok(Point {
             scene: scene.scene.name.clone(),
             synapses,

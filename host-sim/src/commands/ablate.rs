@@ -1,0 +1,137 @@
+//! `vgstereo ablate`: what each stage of a preset is worth, and what it costs.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, ensure};
+use clap::Args;
+use vgstereo_core::config::{Aggregation, Method, Parameters};
+use vgstereo_core::preset::Preset;
+
+use super::eval::Prepared;
+use super::{kib, parse_preset, percent, progress_bar, table};
+use crate::dataset::find_scenes;
+use crate::metrics::mean;
+
+/// Frames of each scene are matched this often; the fastest counts.
+const REPEATS: usize = 3;
+
+/// Arguments of `vgstereo ablate`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: vgstereo ablate middlebury tsukuba venus teddy cones --preset balanced"
+)]
+pub struct Ablate {
+    /// Folder of scenes, as for `eval`.
+    dir: PathBuf,
+    /// Scenes, by the name of their folder [default: all directly in DIR].
+    scenes: Vec<String>,
+    /// Preset whose stages are left out in turn: one that aggregates.
+    #[arg(long, value_name = "P", default_value_t = Preset::Balanced, value_parser = parse_preset)]
+    preset: Preset,
+    /// A pixel is bad when its disparity is further than this from the truth, px.
+    #[arg(long, value_name = "PX", default_value_t = 1.0)]
+    threshold: f32,
+}
+
+/// A stage's name, whether there is one to leave out, and how.
+type Removal = (&'static str, fn(&mut Aggregation) -> bool);
+
+/// The stages in the order of the data.
+const REMOVALS: [Removal; 9] = [
+    ("colour", |a| std::mem::replace(&mut a.colour, false)),
+    ("masks", |a| {
+        std::mem::replace(&mut a.kept_cells_q8, 256) < 256
+    }),
+    ("difference of levels", |a| {
+        std::mem::take(&mut a.difference_weight_q4) > 0
+    }),
+    ("P2 adapted to edges", |a| {
+        std::mem::take(&mut a.p2_adaptation_q4) > 0
+    }),
+    ("aggregation", |a| {
+        // Without penalties, every path is the pixel's own cost.
+        (a.p1, a.p2, a.p2_floor) = (0, 0, 0);
+        true
+    }),
+    ("left-right check", |a| {
+        std::mem::replace(&mut a.left_right_tolerance_px, u8::MAX) < u8::MAX
+    }),
+    ("ambiguity test", |a| {
+        std::mem::replace(&mut a.margin, i16::MIN) > 0
+    }),
+    ("vote", |a| a.vote.take().is_some()),
+    ("weighted median", |a| a.weighted_median.take().is_some()),
+];
+
+impl Ablate {
+    /// Measures the preset whole and without each stage; prints a table.
+    ///
+    /// # Errors
+    /// One line that names the file or option and the reason.
+    pub fn run(self) -> Result<String> {
+        ensure!(self.threshold > 0.0, "--threshold must be above 0");
+        let parameters = self.preset.parameters();
+        let Method::Aggregation(whole) = parameters.method else {
+            anyhow::bail!("--preset {}: it has no stages to leave out", self.preset);
+        };
+        let mut variants = vec![("nothing", parameters)];
+        for (name, remove) in REMOVALS {
+            let mut aggregation = whole;
+            if remove(&mut aggregation) {
+                let method = Method::Aggregation(aggregation);
+                variants.push((
+                    name,
+                    Parameters {
+                        method,
+                        ..parameters
+                    },
+                ));
+            }
+        }
+        let scenes: Vec<Prepared> = find_scenes(&self.dir, &self.scenes)?
+            .iter()
+            .map(|folder| Prepared::load(folder, false))
+            .collect::<Result<_>>()?;
+        let bar = progress_bar((variants.len() * scenes.len()) as u64, "matching");
+        let mut table = table(
+            &["left out", "average", "change", "time", "KiB", "lines"],
+            1,
+        );
+        let mut base: Option<(f64, f64)> = None;
+        for (name, parameters) in variants {
+            let mut averages = Vec::new();
+            let (mut seconds, mut bytes) = (0.0, 0);
+            for scene in &scenes {
+                let mut fastest = f64::INFINITY;
+                let mut matched = None;
+                for _ in 0..REPEATS {
+                    let run = scene.matched(parameters, 1)?;
+                    fastest = fastest.min(run.time.as_secs_f64());
+                    matched = Some(run);
+                }
+                if let Some(matched) = matched {
+                    averages.extend(scene.measure(&matched, self.threshold, false)?.average());
+                    bytes = bytes.max(matched.working_bytes);
+                }
+                seconds += fastest;
+                bar.inc(1);
+            }
+            let average = mean(averages.iter().copied()).unwrap_or(f64::NAN);
+            let (whole_average, whole_seconds) = *base.get_or_insert((average, seconds));
+            table.add_row([
+                name.to_owned(),
+                percent(Some(average)),
+                format!("{:+.2}", average - whole_average),
+                format!("{:.2}", seconds / whole_seconds),
+                kib(bytes),
+                parameters.latency_lines().to_string(),
+            ]);
+        }
+        bar.finish_and_clear();
+        Ok(format!(
+            "{table}\n{}: average of the bad pixels in percent, further than {} px; time relative to the whole;\n\
+             KiB of the widest scene\n",
+            self.preset, self.threshold
+        ))
+    }
+}
