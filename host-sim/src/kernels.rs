@@ -6,7 +6,7 @@
 
 use vgstereo_core::aggregation::AggregateRow;
 use vgstereo_core::kernel::{Kernels, Portable};
-use vgstereo_core::matching::{CostRun, MaskBlock, RowRecall};
+use vgstereo_core::matching::{CostRun, DifferenceBlock, MaskBlock, RowRecall};
 use vgstereo_core::minchinton::CELLS_PER_BYTE;
 use vgstereo_core::refine::{ArmsRow, WeightedMedianRow};
 
@@ -73,13 +73,18 @@ macro_rules! compiled_for {
         mod $module {
             use vgstereo_core::aggregation::{self, AggregateRow};
             use vgstereo_core::kernel;
-            use vgstereo_core::matching::{self, CostRun, MaskBlock, RowRecall};
+            use vgstereo_core::matching::{self, CostRun, DifferenceBlock, MaskBlock, RowRecall};
             use vgstereo_core::minchinton::CELLS_PER_BYTE;
             use vgstereo_core::refine::{self, ArmsRow, WeightedMedianRow};
 
             #[target_feature(enable = $features)]
             pub fn pack_cells(samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
                 kernel::pack_cells(samples, packed);
+            }
+
+            #[target_feature(enable = $features)]
+            pub fn difference_block(block: &DifferenceBlock<'_>, differences: &mut [u8]) {
+                matching::difference_block(block, differences);
             }
 
             #[target_feature(enable = $features)]
@@ -150,6 +155,10 @@ impl Kernels for HostKernels {
 
     fn recall_row(&self, row: &RowRecall<'_>, distances: &mut [i16], candidates_px: &mut [i16]) {
         dispatch!(self, recall_row(row, distances, candidates_px));
+    }
+
+    fn difference_block(&self, block: &DifferenceBlock<'_>, differences: &mut [u8]) {
+        dispatch!(self, difference_block(block, differences));
     }
 
     fn mask_block(&self, block: &mut MaskBlock<'_>) {

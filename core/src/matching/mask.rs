@@ -6,10 +6,104 @@
 //! The smallest threshold that keeps the wanted number of cells is taken, but not below a
 //! floor; the cells within it count.
 
+use super::cost::MAX_CHANNELS;
 use crate::minchinton::CELLS_PER_BYTE;
+use crate::strip::StripWindow;
+use crate::synapse::{Offset, Synapses};
 
 /// Pixels whose masks are made side by side.
 pub const MASK_LANES: usize = 32;
+
+/// A block of pixels to compare with their samples.
+#[derive(Debug, Clone, Copy)]
+pub struct DifferenceBlock<'a> {
+    /// The lines around the block of each channel, of strips of one shape.
+    pub windows: [StripWindow<'a>; MAX_CHANNELS],
+    /// Channels in use: 1 or 3.
+    pub channels: usize,
+    /// Where the samples are.
+    pub synapses: Synapses<'a>,
+    /// Stored position of the block's first pixel.
+    pub first: usize,
+    /// Pixels of the block, at most [`MASK_LANES`].
+    pub lanes: usize,
+}
+
+/// Writes the differences of the samples from their pixels, summed over the channels and
+/// at most 255: a row of `lanes` per synapse. Inlined so that a caller may compile it for
+/// its own instruction set.
+#[inline(always)]
+pub fn difference_block(block: &DifferenceBlock<'_>, differences: &mut [u8]) {
+    let lanes = block.lanes.clamp(1, MASK_LANES);
+    // A block of all lanes has a length that the compiler knows.
+    let whole = if lanes == MASK_LANES {
+        differences.as_chunks_mut::<MASK_LANES>().0
+    } else {
+        &mut []
+    };
+    if !whole.is_empty() {
+        let mut centres = [[0_u8; MASK_LANES]; MAX_CHANNELS];
+        for (centre, window) in centres.iter_mut().zip(&block.windows) {
+            if let Some(run) = centre_of(window, block.first, lanes).first_chunk() {
+                *centre = *run;
+            }
+        }
+        let [a, b, c] = block.windows.map(|window| window.pixels());
+        for (row, offset) in whole.iter_mut().zip(block.synapses.iter()) {
+            let start = block.windows[0].start(offset, block.first, lanes);
+            let run = |pixels: &'_ [u8]| -> [u8; MASK_LANES] {
+                let run = start.and_then(|start| pixels.get(start..)?.first_chunk());
+                run.copied().unwrap_or_default()
+            };
+            if start.is_none() {
+                row.fill(0);
+                continue;
+            }
+            let mut sum = [0_u8; MASK_LANES];
+            let near = run(a);
+            for lane in 0..MASK_LANES {
+                sum[lane] = distance(centres[0][lane], near[lane]);
+            }
+            if block.channels > 1 {
+                for (pixels, centre) in [(b, &centres[1]), (c, &centres[2])] {
+                    let near = run(pixels);
+                    for lane in 0..MASK_LANES {
+                        sum[lane] = sum[lane].saturating_add(distance(centre[lane], near[lane]));
+                    }
+                }
+            }
+            *row = sum;
+        }
+        return;
+    }
+    differences.fill(0);
+    for window in block.windows.iter().take(block.channels) {
+        let centres = centre_of(window, block.first, lanes);
+        let rows = differences.chunks_exact_mut(lanes);
+        for (row, offset) in rows.zip(block.synapses.iter()) {
+            let start = window.start(offset, block.first, lanes);
+            let samples = start.and_then(|start| window.pixels().get(start..start + lanes));
+            let samples = samples.unwrap_or_default();
+            for ((difference, &a), &b) in row.iter_mut().zip(centres).zip(samples) {
+                *difference = difference.saturating_add(a.abs_diff(b));
+            }
+        }
+    }
+}
+
+/// The absolute difference, in a form that stays 8 bits wide in vector code.
+#[inline(always)]
+fn distance(a: u8, b: u8) -> u8 {
+    a.saturating_sub(b) | b.saturating_sub(a)
+}
+
+/// The block's own pixels.
+#[inline(always)]
+fn centre_of<'a>(window: &StripWindow<'a>, first: usize, lanes: usize) -> &'a [u8] {
+    let start = window.start(Offset { dx: 0, dy: 0 }, first, lanes);
+    let run = start.and_then(|start| window.pixels().get(start..start + lanes));
+    run.unwrap_or_default()
+}
 
 /// A block of pixels to find masks of. Rows have one byte per pixel of the block; all
 /// pixels of a row are treated side by side.

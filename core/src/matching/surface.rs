@@ -2,7 +2,7 @@
 
 use super::cost::{CostRun, MAX_CHANNELS, cost_stride};
 use super::exposure::Exposure;
-use super::mask::{MASK_LANES, MaskBlock};
+use super::mask::{DifferenceBlock, MASK_LANES, MaskBlock};
 use super::sampler::{Sampler, SamplerSize, in_roles};
 use crate::aggregation::{AggregateRow, RowCheck, path_scratch_bytes};
 use crate::config::{Aggregation, Config, ConfigError};
@@ -10,7 +10,7 @@ use crate::disparity::Reference;
 use crate::kernel::Kernels;
 use crate::memory::{Arena, words};
 use crate::minchinton::{CELLS_PER_BYTE, Planes};
-use crate::strip::{Order, Strip};
+use crate::strip::{Order, Strip, StripWindow};
 use crate::synapse::Synapses;
 
 /// Weight of a difference of levels while the exposure is not known, 1/16.
@@ -426,6 +426,10 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         let scale_q8 = u32::from(parameters.hamming_scale) << 8;
         let weight_q4 = parameters.difference_weight_q4;
         let levels = rows_of(channels, line);
+        let mut windows = [StripWindow::NONE; MAX_CHANNELS];
+        for (window, channel) in windows.iter_mut().zip(channels) {
+            *window = channel.window(line);
+        }
         for start in (0..sizes.width).step_by(MASK_LANES) {
             let lanes = MASK_LANES.min(sizes.width - start);
             let mut counts = [synapses; MASK_LANES];
@@ -434,17 +438,15 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
                 && let Some(differences) = differences.get_mut(..cells * lanes)
                 && let Some(block) = block.get_mut(..cells / CELLS_PER_BYTE * lanes)
             {
-                differences.fill(0);
-                for channel in channels {
-                    let centres = channel.run(line, start as isize, lanes);
-                    let rows = differences.chunks_exact_mut(lanes);
-                    for (row, offset) in rows.zip(self.sampler.synapses().iter()) {
-                        let samples = channel.samples(line, offset, start, lanes);
-                        for ((difference, a), b) in row.iter_mut().zip(centres).zip(samples) {
-                            *difference = difference.saturating_add(a.abs_diff(*b));
-                        }
-                    }
-                }
+                let block_differences = DifferenceBlock {
+                    windows,
+                    channels: channels.len(),
+                    synapses: self.sampler.synapses(),
+                    first: start,
+                    lanes,
+                };
+                self.kernels
+                    .difference_block(&block_differences, differences);
                 let mut task = MaskBlock {
                     differences,
                     lanes,
