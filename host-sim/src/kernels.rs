@@ -69,13 +69,16 @@ impl HostKernels {
 
 #[cfg(target_arch = "x86_64")]
 macro_rules! compiled_for {
-    ($module:ident, $features:literal) => {
+    ($module:ident, $features:literal, $lanes:literal) => {
         mod $module {
             use vgstereo_core::aggregation::{self, AggregateRow};
             use vgstereo_core::kernel;
             use vgstereo_core::matching::{self, CostRun, DifferenceBlock, MaskBlock, RowRecall};
             use vgstereo_core::minchinton::CELLS_PER_BYTE;
             use vgstereo_core::refine::{self, ArmsRow, WeightedMedianRow};
+
+            /// Pixels of the largest window that has weights of its own here.
+            const MAX_WINDOW: usize = 363;
 
             #[target_feature(enable = $features)]
             pub fn pack_cells(samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
@@ -108,7 +111,14 @@ macro_rules! compiled_for {
                 weights: &mut [u8],
                 output: &mut [i16],
             ) {
-                refine::weighted_median_row(row, weights, output);
+                // A block of registers' width; its weights fit the stack.
+                let window = row.rows * row.window_width;
+                if output.len() >= $lanes && window <= MAX_WINDOW {
+                    let mut weights = [0; MAX_WINDOW * $lanes];
+                    refine::weighted_median_lanes::<$lanes>(row, &mut weights, output);
+                } else {
+                    refine::weighted_median_row(row, weights, output);
+                }
             }
 
             #[target_feature(enable = $features)]
@@ -129,9 +139,9 @@ macro_rules! compiled_for {
 }
 
 #[cfg(target_arch = "x86_64")]
-compiled_for!(avx2, "avx2,popcnt");
+compiled_for!(avx2, "avx2,popcnt", 32);
 #[cfg(target_arch = "x86_64")]
-compiled_for!(avx512, "avx512f,avx512bw,avx512vl,avx512bitalg,popcnt");
+compiled_for!(avx512, "avx512f,avx512bw,avx512vl,avx512bitalg,popcnt", 32);
 
 /// Calls a kernel in the set that was chosen.
 macro_rules! dispatch {
