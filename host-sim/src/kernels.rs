@@ -68,6 +68,9 @@ impl HostKernels {
 }
 
 #[cfg(target_arch = "x86_64")]
+mod mask_avx2;
+
+#[cfg(target_arch = "x86_64")]
 macro_rules! compiled_for {
     ($module:ident, $features:literal, $lanes:literal) => {
         mod $module {
@@ -92,7 +95,11 @@ macro_rules! compiled_for {
 
             #[target_feature(enable = $features)]
             pub fn mask_block(block: &mut MaskBlock<'_>) {
-                matching::mask_block(block);
+                if block.lanes == matching::MASK_LANES {
+                    super::mask_avx2::mask_block(block);
+                } else {
+                    matching::mask_block(block);
+                }
             }
 
             #[target_feature(enable = $features)]

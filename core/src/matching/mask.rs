@@ -130,12 +130,43 @@ pub fn mask_block(block: &mut MaskBlock<'_>) {
     // Rows are as long as the block says rather than an array: a length that the compiler
     // does not know keeps the loops over pixels the ones that become vector code.
     let lanes = block.lanes.clamp(1, MASK_LANES);
-    // A synapse's difference becomes its cell's: the larger of its own and its partner's.
+    join_cells(block.differences, lanes);
+    // Bisection, all pixels at once: the smallest threshold that keeps enough cells and is
+    // not below the floor.
+    let mut low = [block.floor; MASK_LANES];
+    let mut high = [u8::MAX; MASK_LANES];
+    // Where the floor keeps enough in every lane, which is common, there is no search.
+    let mut middle = low;
+    while {
+        let counted = count_within(block.differences, lanes, &middle);
+        let mut is_open = 0;
+        for lane in 0..MASK_LANES {
+            let is_enough = counted[lane] >= block.kept;
+            high[lane] = if is_enough { middle[lane] } else { high[lane] };
+            // Not above 255: everything is within that.
+            low[lane] = if is_enough {
+                low[lane]
+            } else {
+                middle[lane].saturating_add(1)
+            };
+            low[lane] = low[lane].min(high[lane]);
+            middle[lane] = low[lane] + ((high[lane] - low[lane]) >> 1);
+            is_open |= high[lane] - low[lane];
+        }
+        is_open > 0
+    } {}
+    block.counts = count_within(block.differences, lanes, &high);
+    write_masks(block.differences, lanes, &high, block.masks);
+}
+
+/// Makes a synapse's difference its cell's: the larger of its own and its partner's.
+#[inline(always)]
+fn join_cells(differences: &mut [u8], lanes: usize) {
     let mut first = [0_u8; MASK_LANES];
-    if let (Some(first), Some(row)) = (first.get_mut(..lanes), block.differences.get(..lanes)) {
+    if let (Some(first), Some(row)) = (first.get_mut(..lanes), differences.get(..lanes)) {
         first.copy_from_slice(row);
     }
-    let mut rest = &mut *block.differences;
+    let mut rest = differences;
     while let Some((own, after)) = rest.split_at_mut_checked(lanes) {
         let partner = after
             .get(..lanes)
@@ -146,33 +177,17 @@ pub fn mask_block(block: &mut MaskBlock<'_>) {
         }
         rest = after;
     }
-    // Bisection, all pixels at once: the smallest threshold that keeps enough cells.
-    let mut low = [0_u8; MASK_LANES];
-    let mut high = [u8::MAX; MASK_LANES];
-    for _ in 0..u8::BITS {
-        let mut middle = [0_u8; MASK_LANES];
-        for lane in 0..MASK_LANES {
-            middle[lane] = low[lane] + ((high[lane] - low[lane]) >> 1);
-        }
-        let counted = count_within(block.differences, lanes, &middle);
-        for lane in 0..MASK_LANES {
-            if counted[lane] >= block.kept {
-                high[lane] = middle[lane];
-            } else {
-                low[lane] = middle[lane].saturating_add(1);
-            }
-        }
-    }
-    for threshold in &mut high {
-        *threshold = (*threshold).max(block.floor);
-    }
-    block.counts = count_within(block.differences, lanes, &high);
-    let rows = block.masks.chunks_exact_mut(lanes);
-    for (mask, cells) in rows.zip(block.differences.chunks(lanes * CELLS_PER_BYTE)) {
+}
+
+/// Writes a bit per cell: whether it is within the pixel's threshold.
+#[inline(always)]
+fn write_masks(cells: &[u8], lanes: usize, thresholds: &[u8; MASK_LANES], masks: &mut [u8]) {
+    let rows = masks.chunks_exact_mut(lanes);
+    for (mask, cells) in rows.zip(cells.chunks(lanes * CELLS_PER_BYTE)) {
         mask.fill(0);
         for cell in cells.chunks_exact(lanes).rev() {
-            for ((mask, &cell), &high) in mask.iter_mut().zip(cell).zip(&high) {
-                *mask = *mask << 1 | u8::from(cell <= high);
+            for ((mask, &cell), &threshold) in mask.iter_mut().zip(cell).zip(thresholds) {
+                *mask = *mask << 1 | u8::from(cell <= threshold);
             }
         }
     }

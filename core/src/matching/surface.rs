@@ -432,24 +432,27 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         }
         for start in (0..sizes.width).step_by(MASK_LANES) {
             let lanes = MASK_LANES.min(sizes.width - start);
+            // Masks of the last block are made of a whole one that overlaps with the one before.
+            let first = start.min(sizes.width.saturating_sub(MASK_LANES));
+            let (skipped, masked) = (start - first, MASK_LANES.min(sizes.width));
             let mut counts = [synapses; MASK_LANES];
             let mut masks = Planes::NONE;
             if let Some(Masks { differences, block }) = &mut self.masks
-                && let Some(differences) = differences.get_mut(..cells * lanes)
-                && let Some(block) = block.get_mut(..cells / CELLS_PER_BYTE * lanes)
+                && let Some(differences) = differences.get_mut(..cells * masked)
+                && let Some(block) = block.get_mut(..cells / CELLS_PER_BYTE * masked)
             {
                 let block_differences = DifferenceBlock {
                     windows,
                     channels: channels.len(),
                     synapses: self.sampler.synapses(),
-                    first: start,
-                    lanes,
+                    first,
+                    lanes: masked,
                 };
                 self.kernels
                     .difference_block(&block_differences, differences);
                 let mut task = MaskBlock {
                     differences,
-                    lanes,
+                    lanes: masked,
                     // At most the number of synapses.
                     kept: kept.max(1) as u16,
                     floor,
@@ -459,8 +462,8 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
                 self.kernels.mask_block(&mut task);
                 counts = task.counts;
                 masks = Planes {
-                    bytes: block,
-                    stride: lanes,
+                    bytes: block.get(skipped..).unwrap_or_default(),
+                    stride: masked,
                     count: cells / CELLS_PER_BYTE,
                 };
             }
@@ -473,7 +476,9 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
                 start,
                 inputs: self.sampler.inputs.planes(),
                 masks,
-                cell_costs_q8: cell_costs_q8.get(..lanes).unwrap_or_default(),
+                cell_costs_q8: cell_costs_q8
+                    .get(skipped..skipped + lanes)
+                    .unwrap_or_default(),
                 stored: self.sampler.stored.planes(),
                 first_position: sizes.last_position(&self.config) + sizes.width - 1 - start,
                 disparities: self.config.disparities.count.into(),
