@@ -68,13 +68,15 @@ impl HostKernels {
 }
 
 #[cfg(target_arch = "x86_64")]
+mod aggregate_avx512;
+#[cfg(target_arch = "x86_64")]
 mod mask_avx2;
 
 #[cfg(target_arch = "x86_64")]
 macro_rules! compiled_for {
-    ($module:ident, $features:literal, $lanes:literal) => {
+    ($module:ident, $features:literal, $lanes:literal, $aggregate_row:path) => {
         mod $module {
-            use vgstereo_core::aggregation::{self, AggregateRow};
+            use vgstereo_core::aggregation::AggregateRow;
             use vgstereo_core::kernel;
             use vgstereo_core::matching::{self, CostRun, DifferenceBlock, MaskBlock, RowRecall};
             use vgstereo_core::minchinton::CELLS_PER_BYTE;
@@ -130,7 +132,7 @@ macro_rules! compiled_for {
 
             #[target_feature(enable = $features)]
             pub fn aggregate_row(row: &mut AggregateRow<'_>) {
-                aggregation::aggregate_row(row);
+                $aggregate_row(row);
             }
 
             #[target_feature(enable = $features)]
@@ -146,9 +148,19 @@ macro_rules! compiled_for {
 }
 
 #[cfg(target_arch = "x86_64")]
-compiled_for!(avx2, "avx2,popcnt", 32);
+compiled_for!(
+    avx2,
+    "avx2,popcnt",
+    32,
+    vgstereo_core::aggregation::aggregate_row
+);
 #[cfg(target_arch = "x86_64")]
-compiled_for!(avx512, "avx512f,avx512bw,avx512vl,avx512bitalg,popcnt", 32);
+compiled_for!(
+    avx512,
+    "avx512f,avx512bw,avx512vl,avx512bitalg,popcnt",
+    32,
+    super::aggregate_avx512::aggregate_row
+);
 
 /// Calls a kernel in the set that was chosen.
 macro_rules! dispatch {
