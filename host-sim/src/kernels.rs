@@ -71,19 +71,18 @@ impl HostKernels {
 mod aggregate_avx512;
 #[cfg(target_arch = "x86_64")]
 mod mask_avx2;
+#[cfg(target_arch = "x86_64")]
+mod median_avx512;
 
 #[cfg(target_arch = "x86_64")]
 macro_rules! compiled_for {
-    ($module:ident, $features:literal, $lanes:literal, $aggregate_row:path) => {
+    ($module:ident, $features:literal, $aggregate_row:path, $weighted_median_row:path) => {
         mod $module {
             use vgstereo_core::aggregation::AggregateRow;
             use vgstereo_core::kernel;
             use vgstereo_core::matching::{self, CostRun, DifferenceBlock, MaskBlock, RowRecall};
             use vgstereo_core::minchinton::CELLS_PER_BYTE;
             use vgstereo_core::refine::{self, ArmsRow, WeightedMedianRow};
-
-            /// Pixels of the largest window that has weights of its own here.
-            const MAX_WINDOW: usize = 363;
 
             #[target_feature(enable = $features)]
             pub fn pack_cells(samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
@@ -120,14 +119,7 @@ macro_rules! compiled_for {
                 weights: &mut [u8],
                 output: &mut [i16],
             ) {
-                // A block of registers' width; its weights fit the stack.
-                let window = row.rows * row.window_width;
-                if output.len() >= $lanes && window <= MAX_WINDOW {
-                    let mut weights = [0; MAX_WINDOW * $lanes];
-                    refine::weighted_median_lanes::<$lanes>(row, &mut weights, output);
-                } else {
-                    refine::weighted_median_row(row, weights, output);
-                }
+                $weighted_median_row(row, weights, output);
             }
 
             #[target_feature(enable = $features)]
@@ -151,15 +143,15 @@ macro_rules! compiled_for {
 compiled_for!(
     avx2,
     "avx2,popcnt",
-    32,
-    vgstereo_core::aggregation::aggregate_row
+    vgstereo_core::aggregation::aggregate_row,
+    vgstereo_core::refine::weighted_median_row
 );
 #[cfg(target_arch = "x86_64")]
 compiled_for!(
     avx512,
     "avx512f,avx512bw,avx512vl,avx512bitalg,popcnt",
-    32,
-    super::aggregate_avx512::aggregate_row
+    super::aggregate_avx512::aggregate_row,
+    super::median_avx512::weighted_median_row
 );
 
 /// Calls a kernel in the set that was chosen.

@@ -16,9 +16,7 @@ pub use median9::Median9;
 pub use region_vote::{ArmsRow, RegionVote, arms_row, arms_scratch_bytes};
 pub use surface::SurfaceRefiner;
 pub use vote::VoteFilter;
-pub use weighted_median::{
-    WeightedMedian, WeightedMedianRow, weighted_median_lanes, weighted_median_row,
-};
+pub use weighted_median::{WeightedMedian, WeightedMedianRow, weighted_median_row};
 
 use crate::config::{Config, ConfigError, Recall};
 use crate::disparity::{INVALID, px_to_q4};

@@ -160,27 +160,16 @@ pub struct WeightedMedianRow<'a> {
 /// A pixel without any weight around it, its own included, stays without a disparity.
 #[inline(always)]
 pub fn weighted_median_row(row: &WeightedMedianRow<'_>, weights: &mut [u8], output: &mut [i16]) {
-    if output.len() < LANES {
-        weighted_median_lanes::<1>(row, weights, output);
-    } else {
-        weighted_median_lanes::<LANES>(row, weights, output);
-    }
-}
-
-/// The same for rows of at least `N` pixels, `N` side by side: with `N` bytes of scratch
-/// per pixel of the window.
-#[inline(always)]
-pub fn weighted_median_lanes<const N: usize>(
-    row: &WeightedMedianRow<'_>,
-    weights: &mut [u8],
-    output: &mut [i16],
-) {
-    let Some(last) = output.len().checked_sub(N) else {
+    let width = output.len();
+    if width < LANES {
+        for x in 0..width {
+            filter_block::<1>(row, x, weights, output);
+        }
         return;
-    };
+    }
     // The last block overlaps the one before rather than leave a rest.
-    for x in (0..output.len()).step_by(N) {
-        filter_block::<N>(row, x.min(last), weights, output);
+    for x in (0..width).step_by(LANES) {
+        filter_block::<LANES>(row, x.min(width - LANES), weights, output);
     }
 }
 
