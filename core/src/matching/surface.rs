@@ -567,9 +567,12 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
                 continue;
             };
             let level = |row: &[u8], at: usize| row.get(at).copied().unwrap_or(0);
-            let pairs = levels.iter().zip(&others).take(sizes.channels());
+            let mut pairs = [(0, 0); MAX_CHANNELS];
+            for ((pair, own), other) in pairs.iter_mut().zip(levels).zip(others) {
+                *pair = (level(own, x), level(other, position));
+            }
             self.exposure
-                .add(pairs.map(|(own, other)| (level(own, x), level(other, position))));
+                .add(pairs.get(..sizes.channels()).unwrap_or_default());
         }
         self.exposure.end_line(sizes.channels());
     }
