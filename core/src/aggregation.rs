@@ -261,7 +261,8 @@ fn select(sums: &mut [i16]) -> Selected {
 /// The minimum of the parabola through (-1, before), (0, 0), (1, after), 1/16 px:
 /// `8 (before - after) / (before + after)`, rounded to nearest, halves outwards.
 #[inline(always)]
-fn parabola_q4(before: i16, after: i16) -> i16 {
+#[must_use]
+pub fn parabola_q4(before: i16, after: i16) -> i16 {
     let sum = before + after;
     let difference = before.abs_diff(after) as i16;
     // The quotient is at most 8: counting the half steps below it needs no division.

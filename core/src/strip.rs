@@ -144,6 +144,23 @@ impl<'m> Strip<'m> {
             .unwrap_or_default()
     }
 
+    /// The lines around `line`, for many lookups.
+    #[must_use]
+    pub fn window(&self, line: u32) -> StripWindow<'_> {
+        let newest = self.lines.saturating_sub(1);
+        let line = line.min(newest);
+        StripWindow {
+            pixels: self.pixels,
+            stride: self.stride,
+            depth: self.depth,
+            padding: self.padding,
+            order: self.order,
+            slot: self.slot(line),
+            above: line,
+            below: newest - line,
+        }
+    }
+
     /// A line, in stored order; see [`Strip::samples`].
     #[must_use]
     pub fn row(&self, line: u32) -> &[u8] {
@@ -153,6 +170,73 @@ impl<'m> Strip<'m> {
     /// Once per line, not per pixel.
     fn slot(&self, line: u32) -> usize {
         line as usize % self.depth.max(1)
+    }
+}
+
+/// The lines of a strip around one, looked up without a division.
+#[derive(Debug, Clone, Copy)]
+pub struct StripWindow<'a> {
+    pixels: &'a [u8],
+    stride: usize,
+    depth: usize,
+    padding: usize,
+    order: Order,
+    /// Where the line in the middle is stored.
+    slot: usize,
+    /// Lines of the frame above it.
+    above: u32,
+    /// Lines below it up to the newest.
+    below: u32,
+}
+
+impl<'a> StripWindow<'a> {
+    /// No pixel.
+    pub const NONE: Self = Self {
+        pixels: &[],
+        stride: 0,
+        depth: 0,
+        padding: 0,
+        order: Order::Columns,
+        slot: 0,
+        above: 0,
+        below: 0,
+    };
+
+    /// All pixels of the strip; see [`StripWindow::start`].
+    #[must_use]
+    #[inline(always)]
+    pub fn pixels(&self) -> &'a [u8] {
+        self.pixels
+    }
+
+    /// Where in [`StripWindow::pixels`] the samples begin that [`Strip::samples`] gives;
+    /// `None` when those are empty. Strips of one shape that got the same number of lines
+    /// agree on it.
+    #[must_use]
+    #[inline(always)]
+    pub fn start(&self, offset: Offset, first: usize, count: usize) -> Option<usize> {
+        let dx = match self.order {
+            Order::Columns => isize::from(offset.dx),
+            Order::Mirrored => -isize::from(offset.dx),
+        };
+        let distance = u32::from(offset.dy.unsigned_abs());
+        let slot = if offset.dy < 0 {
+            let up = distance.min(self.above) as usize;
+            // Below the first slot comes the last.
+            match self.slot.checked_sub(up) {
+                Some(slot) => slot,
+                None => (self.slot + self.depth).checked_sub(up)?,
+            }
+        } else {
+            let slot = self.slot + distance.min(self.below) as usize;
+            if slot < self.depth {
+                slot
+            } else {
+                slot - self.depth
+            }
+        };
+        let from = (self.padding + first).checked_add_signed(dx)?;
+        (from + count <= self.stride).then_some(slot * self.stride + from)
     }
 }
 
@@ -189,6 +273,9 @@ mod tests {
                     for dy in -(y_px as i8)..=y_px as i8 {
                         for dx in -(x_px as i8)..=x_px as i8 {
                             let row = strip.samples(y as u32, Offset { dx, dy }, 0, width);
+                            let window = strip.window(y as u32);
+                            let start = window.start(Offset { dx, dy }, 0, width).unwrap();
+                            assert_eq!(row, &window.pixels()[start..start + width]);
                             for x in 0..width {
                                 let stored = match order {
                                     Order::Columns => x,
@@ -230,6 +317,8 @@ mod tests {
             strip.push(&[]);
             assert_eq!(strip.samples(1, Offset { dx: 0, dy: 0 }, 0, 4), [0; 4]);
             assert!(strip.samples(0, Offset { dx: 2, dy: 0 }, 0, 4).is_empty());
+            let beyond = strip.window(0).start(Offset { dx: 2, dy: 0 }, 0, 4);
+            assert_eq!(beyond, None);
             assert!(strip.samples(0, Offset { dx: 0, dy: 0 }, 2, 4).is_empty());
         }
     }

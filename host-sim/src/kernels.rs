@@ -6,7 +6,7 @@
 
 use vgstereo_core::aggregation::AggregateRow;
 use vgstereo_core::kernel::{Kernels, Portable};
-use vgstereo_core::matching::{CostRun, MaskBlock, RowRecall};
+use vgstereo_core::matching::{CostRun, DifferenceBlock, MaskBlock, RowRecall};
 use vgstereo_core::minchinton::CELLS_PER_BYTE;
 use vgstereo_core::refine::{ArmsRow, WeightedMedianRow};
 
@@ -68,12 +68,19 @@ impl HostKernels {
 }
 
 #[cfg(target_arch = "x86_64")]
+mod aggregate_avx512;
+#[cfg(target_arch = "x86_64")]
+mod mask_avx2;
+#[cfg(target_arch = "x86_64")]
+mod median_avx512;
+
+#[cfg(target_arch = "x86_64")]
 macro_rules! compiled_for {
-    ($module:ident, $features:literal) => {
+    ($module:ident, $features:literal, $aggregate_row:path, $weighted_median_row:path) => {
         mod $module {
-            use vgstereo_core::aggregation::{self, AggregateRow};
+            use vgstereo_core::aggregation::AggregateRow;
             use vgstereo_core::kernel;
-            use vgstereo_core::matching::{self, CostRun, MaskBlock, RowRecall};
+            use vgstereo_core::matching::{self, CostRun, DifferenceBlock, MaskBlock, RowRecall};
             use vgstereo_core::minchinton::CELLS_PER_BYTE;
             use vgstereo_core::refine::{self, ArmsRow, WeightedMedianRow};
 
@@ -83,8 +90,17 @@ macro_rules! compiled_for {
             }
 
             #[target_feature(enable = $features)]
+            pub fn difference_block(block: &DifferenceBlock<'_>, differences: &mut [u8]) {
+                matching::difference_block(block, differences);
+            }
+
+            #[target_feature(enable = $features)]
             pub fn mask_block(block: &mut MaskBlock<'_>) {
-                matching::mask_block(block);
+                if block.lanes == matching::MASK_LANES {
+                    super::mask_avx2::mask_block(block);
+                } else {
+                    matching::mask_block(block);
+                }
             }
 
             #[target_feature(enable = $features)]
@@ -103,12 +119,12 @@ macro_rules! compiled_for {
                 weights: &mut [u8],
                 output: &mut [i16],
             ) {
-                refine::weighted_median_row(row, weights, output);
+                $weighted_median_row(row, weights, output);
             }
 
             #[target_feature(enable = $features)]
             pub fn aggregate_row(row: &mut AggregateRow<'_>) {
-                aggregation::aggregate_row(row);
+                $aggregate_row(row);
             }
 
             #[target_feature(enable = $features)]
@@ -124,9 +140,19 @@ macro_rules! compiled_for {
 }
 
 #[cfg(target_arch = "x86_64")]
-compiled_for!(avx2, "avx2,popcnt");
+compiled_for!(
+    avx2,
+    "avx2,popcnt",
+    vgstereo_core::aggregation::aggregate_row,
+    vgstereo_core::refine::weighted_median_row
+);
 #[cfg(target_arch = "x86_64")]
-compiled_for!(avx512, "avx512f,avx512bw,avx512vl,avx512bitalg,popcnt");
+compiled_for!(
+    avx512,
+    "avx512f,avx512bw,avx512vl,avx512bitalg,popcnt",
+    super::aggregate_avx512::aggregate_row,
+    super::median_avx512::weighted_median_row
+);
 
 /// Calls a kernel in the set that was chosen.
 macro_rules! dispatch {
@@ -150,6 +176,10 @@ impl Kernels for HostKernels {
 
     fn recall_row(&self, row: &RowRecall<'_>, distances: &mut [i16], candidates_px: &mut [i16]) {
         dispatch!(self, recall_row(row, distances, candidates_px));
+    }
+
+    fn difference_block(&self, block: &DifferenceBlock<'_>, differences: &mut [u8]) {
+        dispatch!(self, difference_block(block, differences));
     }
 
     fn mask_block(&self, block: &mut MaskBlock<'_>) {

@@ -141,12 +141,13 @@ fn cost_block<'a, const N: usize>(
                 *difference += u16::from(level.saturating_sub(high) | low.saturating_sub(level));
             }
         }
-        // The mean of three channels: 85 / 256 is a third.
-        let mean_q8 = if row.channels == 1 { 256_u32 } else { 85 };
-        let truncation = u32::from(row.difference_truncation);
-        let weight = u32::from(row.difference_weight_q4);
+        // The mean of three channels: 85 / 256 is a third. Products fit 16 bits: one
+        // channel differs by at most 255, three by 765, and the mean by 255.
+        let mean_q8 = if row.channels == 1 { 256 } else { 85 };
+        let truncation = u16::from(row.difference_truncation);
+        let weight = u16::from(row.difference_weight_q4);
         for (cost, &difference) in costs.iter_mut().zip(&differences) {
-            let mean = ((u32::from(difference) * mean_q8) >> 8).min(truncation);
+            let mean = ((difference * mean_q8) >> 8).min(truncation);
             // The configuration bounds the sum of both terms to 8 bits.
             *cost = cost.saturating_add(((mean * weight) >> 4) as u8);
         }

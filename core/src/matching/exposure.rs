@@ -37,6 +37,7 @@ impl Conversion {
         offset_q12: 0,
     };
 
+    #[inline(always)]
     fn apply(self, level: u8) -> u8 {
         let converted = (self.gain_q12 * i32::from(level) + self.offset_q12 + (1 << 11)) >> 12;
         converted.clamp(0, 255) as u8
@@ -110,19 +111,18 @@ impl Exposure {
         self.matches -= self.matches >> 4;
     }
 
-    /// Counts a match whose levels `levels` yields, channel by channel, reference first.
-    /// A match with a level at the end of the range tells nothing.
-    pub(super) fn add(&mut self, levels: impl Iterator<Item = (u8, u8)> + Clone) {
-        let ends = [0, u8::MAX];
-        if levels
-            .clone()
-            .any(|(a, b)| ends.contains(&a) || ends.contains(&b))
-        {
+    /// Counts a match by its levels, reference first, in the channels that `pairs` has. A
+    /// match with a level at the end of the range tells nothing.
+    #[inline]
+    pub(super) fn add(&mut self, pairs: &[(u8, u8)]) {
+        // One less, a level inside the range is at most 253.
+        let is_end = |level: u8| level.wrapping_sub(1) > 253;
+        if pairs.iter().any(|&(a, b)| is_end(a) | is_end(b)) {
             return;
         }
         self.matches += 1;
         let channels = self.sums.iter_mut().zip(&self.conversions);
-        for ((sums, conversion), (reference, other)) in channels.zip(levels) {
+        for ((sums, conversion), &(reference, other)) in channels.zip(pairs) {
             sums.reference += u32::from(reference);
             sums.other += u32::from(other);
             sums.reference_squares += u64::from(reference) * u64::from(reference);

@@ -2,7 +2,7 @@
 
 use super::cost::{CostRun, MAX_CHANNELS, cost_stride};
 use super::exposure::Exposure;
-use super::mask::{MASK_LANES, MaskBlock};
+use super::mask::{DifferenceBlock, MASK_LANES, MaskBlock};
 use super::sampler::{Sampler, SamplerSize, in_roles};
 use crate::aggregation::{AggregateRow, RowCheck, path_scratch_bytes};
 use crate::config::{Aggregation, Config, ConfigError};
@@ -10,7 +10,7 @@ use crate::disparity::Reference;
 use crate::kernel::Kernels;
 use crate::memory::{Arena, words};
 use crate::minchinton::{CELLS_PER_BYTE, Planes};
-use crate::strip::{Order, Strip};
+use crate::strip::{Order, Strip, StripWindow};
 use crate::synapse::Synapses;
 
 /// Weight of a difference of levels while the exposure is not known, 1/16.
@@ -426,28 +426,33 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         let scale_q8 = u32::from(parameters.hamming_scale) << 8;
         let weight_q4 = parameters.difference_weight_q4;
         let levels = rows_of(channels, line);
+        let mut windows = [StripWindow::NONE; MAX_CHANNELS];
+        for (window, channel) in windows.iter_mut().zip(channels) {
+            *window = channel.window(line);
+        }
         for start in (0..sizes.width).step_by(MASK_LANES) {
             let lanes = MASK_LANES.min(sizes.width - start);
+            // Masks of the last block are made of a whole one that overlaps with the one before.
+            let first = start.min(sizes.width.saturating_sub(MASK_LANES));
+            let (skipped, masked) = (start - first, MASK_LANES.min(sizes.width));
             let mut counts = [synapses; MASK_LANES];
             let mut masks = Planes::NONE;
             if let Some(Masks { differences, block }) = &mut self.masks
-                && let Some(differences) = differences.get_mut(..cells * lanes)
-                && let Some(block) = block.get_mut(..cells / CELLS_PER_BYTE * lanes)
+                && let Some(differences) = differences.get_mut(..cells * masked)
+                && let Some(block) = block.get_mut(..cells / CELLS_PER_BYTE * masked)
             {
-                differences.fill(0);
-                for channel in channels {
-                    let centres = channel.run(line, start as isize, lanes);
-                    let rows = differences.chunks_exact_mut(lanes);
-                    for (row, offset) in rows.zip(self.sampler.synapses().iter()) {
-                        let samples = channel.samples(line, offset, start, lanes);
-                        for ((difference, a), b) in row.iter_mut().zip(centres).zip(samples) {
-                            *difference = difference.saturating_add(a.abs_diff(*b));
-                        }
-                    }
-                }
+                let block_differences = DifferenceBlock {
+                    windows,
+                    channels: channels.len(),
+                    synapses: self.sampler.synapses(),
+                    first,
+                    lanes: masked,
+                };
+                self.kernels
+                    .difference_block(&block_differences, differences);
                 let mut task = MaskBlock {
                     differences,
-                    lanes,
+                    lanes: masked,
                     // At most the number of synapses.
                     kept: kept.max(1) as u16,
                     floor,
@@ -457,8 +462,8 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
                 self.kernels.mask_block(&mut task);
                 counts = task.counts;
                 masks = Planes {
-                    bytes: block,
-                    stride: lanes,
+                    bytes: block.get(skipped..).unwrap_or_default(),
+                    stride: masked,
                     count: cells / CELLS_PER_BYTE,
                 };
             }
@@ -471,7 +476,9 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
                 start,
                 inputs: self.sampler.inputs.planes(),
                 masks,
-                cell_costs_q8: cell_costs_q8.get(..lanes).unwrap_or_default(),
+                cell_costs_q8: cell_costs_q8
+                    .get(skipped..skipped + lanes)
+                    .unwrap_or_default(),
                 stored: self.sampler.stored.planes(),
                 first_position: sizes.last_position(&self.config) + sizes.width - 1 - start,
                 disparities: self.config.disparities.count.into(),
@@ -560,9 +567,12 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
                 continue;
             };
             let level = |row: &[u8], at: usize| row.get(at).copied().unwrap_or(0);
-            let pairs = levels.iter().zip(&others).take(sizes.channels());
+            let mut pairs = [(0, 0); MAX_CHANNELS];
+            for ((pair, own), other) in pairs.iter_mut().zip(levels).zip(others) {
+                *pair = (level(own, x), level(other, position));
+            }
             self.exposure
-                .add(pairs.map(|(own, other)| (level(own, x), level(other, position))));
+                .add(pairs.get(..sizes.channels()).unwrap_or_default());
         }
         self.exposure.end_line(sizes.channels());
     }

@@ -120,7 +120,10 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
         let there = self.rows.around(line, self.parameters.reach_y_px);
         // The lines of the window, looked up once per row.
         let mut lines = [[&[][..]; MAX_CHANNELS]; MAX_LINES];
-        for (lines, row) in lines.iter_mut().zip(there.clone()) {
+        // Rows and arms have the same places in their rings.
+        let mut starts = [0; MAX_LINES];
+        for ((lines, start), row) in lines.iter_mut().zip(&mut starts).zip(there.clone()) {
+            *start = self.rows.row_start(row);
             for (levels, channel) in lines.iter_mut().zip(channels) {
                 *levels = channel.row(first_line + row);
             }
@@ -134,8 +137,9 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
         // What lies before the first pixel that holds is the border's, not the vote's.
         let first = self.rows.row(line).iter().position(|&found| found >= 0);
         let width = self.rows.row(line).len();
+        let own_start = self.rows.row_start(line);
         for x in first.unwrap_or(width)..width {
-            let Some(&own) = self.rows.row(line).get(x) else {
+            let Some(&own) = self.rows.values().get(own_start + x) else {
                 break;
             };
             if own >= 0 {
@@ -144,16 +148,17 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
             self.votes.fill(0);
             let above = window.reach_up(centre, x);
             let below = window.reach_down(centre, x);
-            for index in centre - above..=centre + below {
-                let row = there.start + index as u32;
-                let arms = self.arms.row(row).get(x).copied().unwrap_or(0);
+            let surface = starts.get(centre - above..=centre + below);
+            for start in surface.unwrap_or_default() {
+                let at = start + x;
+                let arms = self.arms.values().get(at).copied().unwrap_or(0);
+                // Within the row.
                 let [left, right] = arms.to_le_bytes().map(usize::from);
-                let disparities = self.rows.row(row);
-                let surface = disparities.get(x - left..=x + right).unwrap_or_default();
-                count_votes(surface, self.votes);
+                let run = self.rows.values().get(at - left..=at + right);
+                count_votes(run.unwrap_or_default(), self.votes);
             }
             if let Some(elected_q4) = self.elect()
-                && let Some(pixel) = self.rows.row_mut(line).and_then(|row| row.get_mut(x))
+                && let Some(pixel) = self.rows.values_mut().get_mut(own_start + x)
             {
                 *pixel = elected_q4;
             }

@@ -109,9 +109,23 @@ impl<'m> RowRing<'m> {
             .unwrap_or_default()
     }
 
-    pub(super) fn row_mut(&mut self, line: u32) -> Option<&mut [i16]> {
+    fn row_mut(&mut self, line: u32) -> Option<&mut [i16]> {
         let start = self.start(line) + self.padding;
         self.values.get_mut(start..start + self.width)
+    }
+
+    /// Where a row without its padding begins in [`RowRing::values`].
+    pub(super) fn row_start(&self, line: u32) -> usize {
+        self.start(line) + self.padding
+    }
+
+    /// The values of all rows, for many lookups.
+    pub(super) fn values(&self) -> &[i16] {
+        self.values
+    }
+
+    pub(super) fn values_mut(&mut self) -> &mut [i16] {
+        self.values
     }
 
     /// Once per row, not per pixel.
