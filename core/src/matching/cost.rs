@@ -4,7 +4,7 @@
 //! from the other view's pattern there, of those cells that count, scaled and truncated;
 //! plus the truncated difference of the levels, weighted.
 
-use super::hamming::{LANES, PLANES_PER_SUM};
+use super::hamming::{LANES, differing_cells};
 use crate::minchinton::Planes;
 
 /// Cost of a disparity beyond the range searched: it loses against every other.
@@ -94,32 +94,8 @@ fn cost_block<'a, const N: usize>(
     first: usize,
     cell_cost_q8: u16,
 ) -> [u8; N] {
-    let mut differing = [0_u16; N];
-    let (mut input_at, mut mask_at, mut stored_at) = (row.start + x, x, first);
-    let mut left = row.inputs.count;
-    while left > 0 {
-        let group = left.min(PLANES_PER_SUM);
-        left -= group;
-        let mut sums = [0_u8; N];
-        for _ in 0..group {
-            if let Some(&byte) = row.inputs.bytes.get(input_at)
-                && let Some(run) = row.stored.bytes.get(stored_at..)
-                && let Some(run) = run.first_chunk::<N>()
-            {
-                let mask = row.masks.bytes.get(mask_at).copied().unwrap_or(u8::MAX);
-                for (sum, &other) in sums.iter_mut().zip(run) {
-                    // At most 8 per plane.
-                    *sum += ((byte ^ other) & mask).count_ones() as u8;
-                }
-            }
-            input_at += row.inputs.stride;
-            mask_at += row.masks.stride;
-            stored_at += row.stored.stride;
-        }
-        for (total, &sum) in differing.iter_mut().zip(&sums) {
-            *total += u16::from(sum);
-        }
-    }
+    let input = row.start + x;
+    let differing: [u16; N] = differing_cells(row.inputs, input, row.masks, x, row.stored, first);
     let mut costs = [0_u8; N];
     let truncation = u16::from(row.hamming_truncation);
     for (cost, &cells) in costs.iter_mut().zip(&differing) {

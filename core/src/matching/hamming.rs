@@ -6,7 +6,7 @@ use crate::minchinton::{PatternRow, Planes};
 pub const LANES: usize = PatternRow::SLACK;
 
 /// Planes summed in 8 bits before the sum is widened: 16 planes differ in at most 128 cells.
-pub(super) const PLANES_PER_SUM: usize = 16;
+const PLANES_PER_SUM: usize = 16;
 
 /// A distance no pattern has: it loses against every real one.
 pub const NO_DISTANCE: i16 = i16::MAX;
@@ -54,8 +54,29 @@ fn distances_block<const N: usize>(
     stored: Planes<'_>,
     first: usize,
 ) -> [i16; N] {
-    let mut totals = [0_i16; N];
-    let (mut input_at, mut stored_at) = (x, first);
+    let cells: [u16; N] = differing_cells(inputs, x, Planes::NONE, 0, stored, first);
+    let mut distances = [0_i16; N];
+    for (distance, cells) in distances.iter_mut().zip(cells) {
+        // At most as many cells as a pattern has.
+        *distance = cells as i16;
+    }
+    distances
+}
+
+/// The number of cells in which the pattern at position `x` of `inputs` differs from each
+/// of the `N` at position `first` of `stored` and after; of those cells alone that the
+/// mask at position `mask_x` of `masks` has, where there are masks.
+#[inline(always)]
+pub(super) fn differing_cells<const N: usize>(
+    inputs: Planes<'_>,
+    x: usize,
+    masks: Planes<'_>,
+    mask_x: usize,
+    stored: Planes<'_>,
+    first: usize,
+) -> [u16; N] {
+    let mut totals = [0_u16; N];
+    let (mut input_at, mut mask_at, mut stored_at) = (x, mask_x, first);
     let mut left = inputs.count;
     while left > 0 {
         let group = left.min(PLANES_PER_SUM);
@@ -66,16 +87,18 @@ fn distances_block<const N: usize>(
                 && let Some(run) = stored.bytes.get(stored_at..)
                 && let Some(run) = run.first_chunk::<N>()
             {
+                let mask = masks.bytes.get(mask_at).copied().unwrap_or(u8::MAX);
                 for (sum, &other) in sums.iter_mut().zip(run) {
                     // At most 8, so that the sum stays within PLANES_PER_SUM * 8 = 128.
-                    *sum += (byte ^ other).count_ones() as u8;
+                    *sum += ((byte ^ other) & mask).count_ones() as u8;
                 }
             }
             input_at += inputs.stride;
+            mask_at += masks.stride;
             stored_at += stored.stride;
         }
         for (total, &sum) in totals.iter_mut().zip(&sums) {
-            *total += i16::from(sum);
+            *total += u16::from(sum);
         }
     }
     totals
