@@ -90,8 +90,12 @@
 //!
 //! # What it does not do
 //!
-//! It does not rectify: lines must be epipolar lines already. It has no features and no
-//! floating point but for drawing the synapses when a matcher is built.
+//! It does not rectify: lines must be epipolar lines already. It uses no floating point but
+//! for drawing the synapses when a matcher is built.
+//!
+//! # Features
+//!
+//! `serde`, off by default: parameters can be read from and written to text formats.
 //!
 //! The oldest Rust it is built with is 1.95.
 #![no_std]

@@ -1,8 +1,8 @@
 //! From a camera's line pairs to disparity lines, with fault recovery.
 //!
 //! A [`Session`] reads pairs of lines from a
-//! [`LinePairSource`](vgstereo_core::camera::LinePairSource), turns them grey, gives them to
-//! a [`Matcher`](vgstereo_core::matcher::Matcher) and its lines of disparities to a
+//! [`LinePairSource`](vgstereo_core::camera::LinePairSource), gives them to a
+//! [`Matcher`](vgstereo_core::matcher::Matcher) and its lines of disparities to a
 //! [`DisparitySink`]. It drops a frame that is not whole, counts what was lost and starts
 //! again at line 0 of the next frame. Drivers, pins and clocks are a board's affair.
 #![no_std]

@@ -1,4 +1,5 @@
-//! Host simulator of vgstereo.
+//! Host simulator of vgstereo: the core that firmware links, fed from images and rendered
+//! scenes. The command `vgstereo` is in [`commands`], kernels for the host in [`kernels`].
 
 pub mod camera;
 pub mod commands;

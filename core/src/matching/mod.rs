@@ -1,10 +1,14 @@
-//! Matching of one row: every neuron of the line recalls its nearest stored patterns.
+//! Matching of one row: every neuron of the line against the patterns stored for it.
 //!
 //! All neurons share their offsets, so the memory of neuron `x` is a run of the row of
 //! patterns of the other view: those of the columns at which its disparities would put
 //! it. Kept so that rising disparities are rising positions (the other view is stored
 //! mirrored when the reference is the left one), the memory of a whole row of neurons
 //! is one [`PatternRow`](crate::minchinton::PatternRow).
+//!
+//! [`RowMatcher`] recalls the nearest patterns, as the paper has it. [`SurfaceMatcher`]
+//! makes costs of the distances: over the cells on the pixel's surface (mask), with a
+//! difference of levels in the reference camera's exposure (exposure, cost).
 
 mod cost;
 mod exposure;
