@@ -124,8 +124,8 @@ fn aggregate_register(row: &mut AggregateRow<'_>) {
         } else {
             0
         };
-        // All but the best and its neighbours.
-        let around = (7_u64 << index) >> 1;
+        // All but the best and its neighbours; the last may have none after it.
+        let around = (3_u64 << index) | (1_u64 << index >> 1);
         let rest =
             |half: usize| _mm512_mask_mov_epi16(keys[half], (around >> (32 * half)) as u32, no_key);
         let second = match least_key([rest(0), rest(1)]) {
