@@ -10,6 +10,9 @@ use vgstereo_core::matching::NO_DISTANCE;
 /// Most disparities, rounded up, that a register holds.
 const MAX_STRIDE: usize = 64;
 
+/// Pixels whose disparities are written together.
+const BLOCK: usize = 32;
+
 /// Key of no match: above those of all sums.
 const NO_KEY: u16 = u16::MAX;
 
@@ -37,35 +40,46 @@ fn aggregate_register(row: &mut AggregateRow<'_>) {
     }
     let p1 = broadcast(row.p1);
 
-    // From the right, over the penalties between a pixel and the one on its right.
+    // From the right, over the penalties between a pixel and the one on its right. Each of
+    // these waits for the one before; the path down, which does not, fills the time.
     let pixels = row
         .costs
         .chunks_exact(stride)
-        .zip(row.from_right.chunks_exact_mut(stride));
+        .zip(row.from_right.chunks_exact_mut(stride))
+        .zip(row.from_above.chunks_exact_mut(stride));
     let penalties = std::iter::once(&0).chain(row.p2_along.iter().skip(1).rev());
+    let penalties = penalties.zip(row.p2_down.iter().rev());
     let mut path = _mm512_setzero_si512();
-    for (index, ((costs, from_right), &p2)) in pixels.rev().zip(penalties).enumerate() {
+    for (index, (((costs, from_right), from_above), (&p2_along, &p2_down))) in
+        pixels.rev().zip(penalties).enumerate()
+    {
         let costs = load(costs);
         path = if index == 0 {
             costs
         } else {
-            step_path(path, costs, p1, broadcast(p2))
+            step_path(path, costs, p1, broadcast(p2_along))
         };
         store(from_right, path);
+        let down = if row.is_first {
+            costs
+        } else {
+            step_path(load(from_above), costs, p1, broadcast(p2_down))
+        };
+        store(from_above, down);
     }
 
-    // From the left and from above; all three are there, so each pixel is decided at once.
-    let pixels = row
+    // From the left; all three are there, so each pixel is decided at once.
+    let blocks = row
         .costs
-        .chunks_exact(stride)
-        .zip(row.from_right.chunks_exact(stride))
-        .zip(row.from_above.chunks_exact_mut(stride))
-        .zip(row.p2_along.iter().zip(row.p2_down));
+        .chunks(stride * BLOCK)
+        .zip(row.from_right.chunks(stride * BLOCK))
+        .zip(row.from_above.chunks(stride * BLOCK))
+        .zip(row.p2_along.chunks(BLOCK));
     let outputs = row
         .best
-        .iter_mut()
-        .zip(row.refined_q4.iter_mut())
-        .zip(row.margins.iter_mut());
+        .chunks_mut(BLOCK)
+        .zip(row.refined_q4.chunks_mut(BLOCK))
+        .zip(row.margins.chunks_mut(BLOCK));
     let disparities = row.disparities.clamp(1, stride);
     let in_range = u64::MAX >> (MAX_STRIDE - disparities);
     let indices = indices();
@@ -74,71 +88,121 @@ fn aggregate_register(row: &mut AggregateRow<'_>) {
     // keys: of the next pixel they are one further on.
     let no_key = _mm512_set1_epi16(NO_KEY.cast_signed());
     let mut others = [no_key; 2];
-    for (
-        x,
-        ((((costs, from_right), from_above), (&p2_along, &p2_down)), ((best, refined_q4), margin)),
-    ) in pixels.zip(outputs).enumerate()
+    let mut others_end = count + disparities - 1;
+    let mut selected = SelectedBlock::default();
+    for (block, ((((costs, from_right), from_above), p2_along), outputs)) in
+        blocks.zip(outputs).enumerate()
     {
-        let costs = load(costs);
-        path = if x == 0 {
-            costs
-        } else {
-            step_path(path, costs, p1, broadcast(p2_along))
-        };
-        let down = if row.is_first {
-            costs
-        } else {
-            step_path(load(from_above), costs, p1, broadcast(p2_down))
-        };
-        store(from_above, down);
-        let sums = sum_paths([path, load(from_right), down]);
+        let pixels = costs
+            .chunks_exact(stride)
+            .zip(from_right.chunks_exact(stride))
+            .zip(from_above.chunks_exact(stride))
+            .zip(p2_along);
+        for (lane, (((costs, from_right), from_above), &p2)) in pixels.enumerate().take(BLOCK) {
+            let costs = load(costs);
+            path = if block == 0 && lane == 0 {
+                costs
+            } else {
+                step_path(path, costs, p1, broadcast(p2))
+            };
+            let sums = sum_paths([path, load(from_right), load(from_above)]);
+            let key = |half: usize| {
+                let key =
+                    _mm512_or_si512(_mm512_slli_epi16::<INDEX_BITS>(sums[half]), indices[half]);
+                _mm512_mask_mov_epi16(no_key, (in_range >> (32 * half)) as u32, key)
+            };
+            let keys = [key(0), key(1)];
+            let entering = _mm512_set1_epi64(-1);
+            let shifted = [
+                shift_in(entering, others[0]),
+                shift_in(others[0], others[1]),
+            ];
+            others = [
+                _mm512_min_epu16(shifted[0], keys[0]),
+                _mm512_min_epu16(shifted[1], keys[1]),
+            ];
+            // No later pixel reaches the last.
+            let leaving = _mm512_permutex2var_epi16(others[0], last_index, others[1]);
+            selected.others[lane] = _mm_cvtsi128_si32(_mm512_castsi512_si128(leaving)) as u16;
 
-        let key = |half: usize| {
-            let key = _mm512_or_si512(_mm512_slli_epi16::<INDEX_BITS>(sums[half]), indices[half]);
-            _mm512_mask_mov_epi16(no_key, (in_range >> (32 * half)) as u32, key)
-        };
-        let keys = [key(0), key(1)];
-        let entering = _mm512_set1_epi64(-1);
-        let shifted = [
-            shift_in(entering, others[0]),
-            shift_in(others[0], others[1]),
-        ];
-        others = [
-            _mm512_min_epu16(shifted[0], keys[0]),
-            _mm512_min_epu16(shifted[1], keys[1]),
-        ];
-        // No later pixel reaches the last.
-        let leaving = _mm512_permutex2var_epi16(others[0], last_index, others[1]);
-        if let Some(other) = row.other_best.get_mut(count - 1 - x + disparities - 1) {
-            *other = other_of(_mm_cvtsi128_si32(_mm512_castsi512_si128(leaving)) as u16);
+            let least = least_key(keys);
+            let index = usize::from(least) % MAX_STRIDE;
+            // All but the best and its neighbours; the last may have none after it.
+            let around = (3_u64 << index) | (1_u64 << index >> 1);
+            let rest = |half: usize| {
+                _mm512_mask_mov_epi16(keys[half], (around >> (32 * half)) as u32, no_key)
+            };
+            selected.least[lane] = least;
+            selected.second[lane] = least_key([rest(0), rest(1)]);
+            // One place on, so that the first has a place before it.
+            let mut places = [0; MAX_STRIDE + 2];
+            store_words(&mut places[1..=MAX_STRIDE], sums);
+            selected.before[lane] = places[index];
+            selected.after[lane] = places[index + 2];
         }
-
-        let least = least_key(keys);
-        let (index, sum) = (
-            usize::from(least) % MAX_STRIDE,
-            (least >> INDEX_BITS) as i16,
-        );
-        let sums = words(sums);
-        let step_q4 = if index > 0 && index + 1 < disparities {
-            parabola_q4(sums[index - 1] - sum, sums[index + 1] - sum)
-        } else {
-            0
-        };
-        // All but the best and its neighbours; the last may have none after it.
-        let around = (3_u64 << index) | (1_u64 << index >> 1);
-        let rest =
-            |half: usize| _mm512_mask_mov_epi16(keys[half], (around >> (32 * half)) as u32, no_key);
-        let second = match least_key([rest(0), rest(1)]) {
-            NO_KEY => NO_DISTANCE,
-            key => (key >> INDEX_BITS) as i16,
-        };
-        *best = index as u16;
-        *refined_q4 = index as i16 * STEPS_PER_PX + step_q4;
-        *margin = second - sum;
+        let ((best, refined_q4), margins) = outputs;
+        selected.write(disparities, best, refined_q4, margins);
+        let others_start = others_end - best.len();
+        if let Some(other_best) = row.other_best.get_mut(others_start..others_end) {
+            for (other, &key) in other_best.iter_mut().rev().zip(&selected.others) {
+                *other = other_of(key);
+            }
+        }
+        others_end = others_start;
     }
-    let others = words(others);
-    for (other, &key) in row.other_best.iter_mut().zip(&others[..disparities]) {
+    let mut first_others = [0; MAX_STRIDE];
+    store_words(&mut first_others, others);
+    for (other, &key) in row.other_best.iter_mut().zip(&first_others[..disparities]) {
         *other = other_of(key.cast_unsigned());
+    }
+}
+
+/// What is known of the pixels of a block before it is written, side by side: the loops
+/// over them become vector code.
+#[derive(Debug, Default)]
+struct SelectedBlock {
+    /// Keys of the best and of the best without it and its neighbours.
+    least: [u16; BLOCK],
+    second: [u16; BLOCK],
+    /// Sums beside the best; anything at the ends of the range.
+    before: [i16; BLOCK],
+    after: [i16; BLOCK],
+    /// Keys of the other view's pixels that are decided.
+    others: [u16; BLOCK],
+}
+
+impl SelectedBlock {
+    #[inline(always)]
+    fn write(
+        &self,
+        disparities: usize,
+        best: &mut [u16],
+        refined_q4: &mut [i16],
+        margins: &mut [i16],
+    ) {
+        let last = disparities as u16 - 1;
+        let mut indices = [0; BLOCK];
+        let mut refined = [0; BLOCK];
+        let mut margin = [0; BLOCK];
+        for lane in 0..BLOCK {
+            let (least, second) = (self.least[lane], self.second[lane]);
+            let index = least % MAX_STRIDE as u16;
+            let sum = (least >> INDEX_BITS).cast_signed();
+            let is_inside = (index > 0) & (index < last);
+            let side = |side: i16| if is_inside { side - sum } else { 0 };
+            let step_q4 = parabola_q4(side(self.before[lane]), side(self.after[lane]));
+            indices[lane] = index;
+            refined[lane] = index.cast_signed() * STEPS_PER_PX + step_q4;
+            let second = match second {
+                NO_KEY => NO_DISTANCE,
+                key => (key >> INDEX_BITS).cast_signed(),
+            };
+            margin[lane] = second - sum;
+        }
+        let count = best.len();
+        best.copy_from_slice(&indices[..count]);
+        refined_q4.copy_from_slice(&refined[..count]);
+        margins.copy_from_slice(&margin[..count]);
     }
 }
 
@@ -265,13 +329,14 @@ fn store(bytes: &mut [u8], register: __m512i) {
 
 #[target_feature(enable = "avx512f")]
 #[inline]
-fn words([a, b]: [__m512i; 2]) -> [i16; MAX_STRIDE] {
-    let mut words = [0; MAX_STRIDE];
+fn store_words(words: &mut [i16], [a, b]: [__m512i; 2]) {
+    let Some(words) = words.first_chunk_mut::<MAX_STRIDE>() else {
+        return;
+    };
     let (first, second) = words.split_at_mut(MAX_STRIDE / 2);
     // SAFETY: each half has the register's 64 bytes; the stores need no alignment.
     unsafe {
         _mm512_storeu_si512(first.as_mut_ptr().cast(), a);
         _mm512_storeu_si512(second.as_mut_ptr().cast(), b);
     }
-    words
 }
