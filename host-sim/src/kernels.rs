@@ -70,13 +70,15 @@ impl HostKernels {
 #[cfg(target_arch = "x86_64")]
 mod aggregate_avx512;
 #[cfg(target_arch = "x86_64")]
+mod cost_avx512;
+#[cfg(target_arch = "x86_64")]
 mod mask_avx2;
 #[cfg(target_arch = "x86_64")]
 mod median_avx512;
 
 #[cfg(target_arch = "x86_64")]
 macro_rules! compiled_for {
-    ($module:ident, $features:literal, $aggregate_row:path, $weighted_median_row:path) => {
+    ($module:ident, $features:literal, $cost_run:path, $aggregate_row:path, $weighted_median_row:path) => {
         mod $module {
             use vgstereo_core::aggregation::AggregateRow;
             use vgstereo_core::kernel;
@@ -105,7 +107,7 @@ macro_rules! compiled_for {
 
             #[target_feature(enable = $features)]
             pub fn cost_run(row: &CostRun<'_>, costs: &mut [u8]) {
-                matching::cost_run(row, costs);
+                $cost_run(row, costs);
             }
 
             #[target_feature(enable = $features)]
@@ -143,6 +145,7 @@ macro_rules! compiled_for {
 compiled_for!(
     avx2,
     "avx2,popcnt",
+    vgstereo_core::matching::cost_run,
     vgstereo_core::aggregation::aggregate_row,
     vgstereo_core::refine::weighted_median_row
 );
@@ -150,6 +153,7 @@ compiled_for!(
 compiled_for!(
     avx512,
     "avx512f,avx512bw,avx512vl,avx512bitalg,popcnt",
+    super::cost_avx512::cost_run,
     super::aggregate_avx512::aggregate_row,
     super::median_avx512::weighted_median_row
 );
