@@ -134,22 +134,32 @@ pub struct WeightedMedianParameters {
 }
 
 impl WeightedMedianParameters {
-    /// Offsets of the window's pixels from its centre, (columns, rows), row by row.
-    pub(crate) fn offsets(&self) -> impl Iterator<Item = (i32, i32)> + use<> {
+    /// Offsets of the taps from the centre, (columns, rows), row by row: of the window's
+    /// pixels those that on a chessboard have the centre's colour.
+    pub(crate) fn taps(&self) -> impl Iterator<Item = (i32, i32)> + use<> {
         let (reach_x, reach_y) = (i32::from(self.reach_x_px), i32::from(self.reach_y_px));
-        (-reach_y..=reach_y).flat_map(move |dy| (-reach_x..=reach_x).map(move |dx| (dx, dy)))
+        let pixels =
+            (-reach_y..=reach_y).flat_map(move |dy| (-reach_x..=reach_x).map(move |dx| (dx, dy)));
+        pixels.filter(|(dx, dy)| (dx + dy) % 2 == 0)
     }
 
-    /// Weight of a pixel by its distance, 1/16: 20 at the centre, one less for each pixel
+    /// Weight of a tap by its distance, 1/16: 20 at the centre, one less for each pixel
     /// along and across, at least 1.
     pub(crate) fn place_weight((dx, dy): (i32, i32)) -> u8 {
         (20 - dx.abs() - dy.abs()).max(1) as u8
     }
 
-    /// Pixels of the window, at most 363: their weights of at most 180 sum to 16 bits.
+    /// Number of taps, at most 363: their weights of at most 180 sum to 16 bits.
     #[must_use]
-    pub const fn window(&self) -> usize {
-        (2 * self.reach_x_px as usize + 1) * (2 * self.reach_y_px as usize + 1)
+    pub const fn tap_count(&self) -> usize {
+        let (reach_x, reach_y) = (self.reach_x_px as usize, self.reach_y_px as usize);
+        let window = (2 * reach_x + 1) * (2 * reach_y + 1);
+        // The colour of the corners has one more square.
+        if (reach_x + reach_y).is_multiple_of(2) {
+            window.div_ceil(2)
+        } else {
+            window / 2
+        }
     }
 }
 
@@ -166,7 +176,7 @@ impl Aggregation {
             Some(median) => {
                 median.reach_x_px <= 30
                     && median.reach_y_px <= 7
-                    && median.window() <= 363
+                    && median.tap_count() <= 363
                     && median.colour_reach >= 4
                     && median.colour_reach <= 48
             }

@@ -571,6 +571,10 @@ fn weighted_median(
             let mut values = Vec::new();
             for v in (y - reach_y).max(0)..=(y + reach_y).min(view.height - 1) {
                 for u in (x - reach_x).max(0)..=(x + reach_x).min(view.width - 1) {
+                    // Squares of the other colour on a chessboard.
+                    if (u - x).abs() % 2 != (v - y).abs() % 2 {
+                        continue;
+                    }
                     let value = map[view.index(u, v)];
                     let unlike = view.difference(view.index(u, v), view.index(x, y)) * times;
                     let like = (colour_reach - unlike).max(0);

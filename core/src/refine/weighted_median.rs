@@ -1,8 +1,9 @@
 //! Weighted median over a wide, flat window: edges of disparity move to edges of colour.
 //!
-//! Each pixel of the window weighs the more, the more its colour is like the centre's and
-//! the nearer it is; the result is the smallest disparity at or below which lies half of
-//! the weight. Pixels outside the image or without a disparity weigh nothing.
+//! Every other pixel of the window, as the squares of one colour on a chessboard, is a tap.
+//! It weighs the more, the more its colour is like the centre's and the nearer it is; the
+//! result is the smallest disparity at or below which lies half of the weight. Taps outside
+//! the image or without a disparity weigh nothing.
 
 use super::ring::RowRing;
 use crate::config::WeightedMedianParameters;
@@ -23,21 +24,21 @@ const LANES: usize = 16;
 pub struct WeightedMedian<'m, K> {
     kernels: K,
     rows: RowRing<'m>,
-    /// Weight by place, one per pixel of the window, row by row.
+    /// Weight by place, one per tap, row by row.
     places: &'m mut [u8],
-    /// Weights of the window's pixels, `LANES` centres side by side.
+    /// Weights of the taps, `LANES` centres side by side.
     weights: &'m mut [u8],
     parameters: WeightedMedianParameters,
 }
 
 impl WeightedMedian<'_, ()> {
-    /// Words of memory: `2 y + 1` rows and 17 bytes per pixel of the window.
+    /// Words of memory: `2 y + 1` rows and 17 bytes per tap.
     #[must_use]
     pub const fn memory_words(width: usize, parameters: WeightedMedianParameters) -> usize {
         let depth = 2 * parameters.reach_y_px as usize + 1;
         RowRing::memory_words(width, parameters.reach_x_px as usize, depth)
-            + words(parameters.window(), 1)
-            + words(parameters.window() * LANES, 1)
+            + words(parameters.tap_count(), 1)
+            + words(parameters.tap_count() * LANES, 1)
     }
 }
 
@@ -56,15 +57,15 @@ impl<'m, K: Kernels> WeightedMedian<'m, K> {
         let depth = 2 * usize::from(parameters.reach_y_px) + 1;
         let ahead = parameters.reach_y_px;
         let rows = RowRing::new(width, padding, depth, ahead, INVALID, arena)?;
-        let places: &'m mut [u8] = arena.take(parameters.window())?;
-        for (place, offset) in places.iter_mut().zip(parameters.offsets()) {
+        let places: &'m mut [u8] = arena.take(parameters.tap_count())?;
+        for (place, offset) in places.iter_mut().zip(parameters.taps()) {
             *place = WeightedMedianParameters::place_weight(offset);
         }
         Ok(Self {
             kernels,
             rows,
             places,
-            weights: arena.take(parameters.window() * LANES)?,
+            weights: arena.take(parameters.tap_count() * LANES)?,
             parameters,
         })
     }
@@ -101,18 +102,18 @@ impl<'m, K: Kernels> WeightedMedian<'m, K> {
         let width = output.len();
         let rows = self.rows.around(line, self.parameters.reach_y_px);
         // The window's first rows may lie above the frame.
-        let above = usize::from(self.parameters.reach_y_px) - (line - rows.start) as usize;
+        let centre = (line - rows.start) as usize;
+        let first_dy = -(centre as i32);
+        let above = self.parameters.taps().take_while(|&(_, dy)| dy < first_dy);
         let mut row = WeightedMedianRow {
             values: [&[]; MAX_ROWS],
             levels: [[&[]; MAX_ROWS]; MAX_CHANNELS],
             centres: [&[]; MAX_CHANNELS],
             rows: rows.len().min(MAX_ROWS),
             channels: channels.len().min(MAX_CHANNELS),
+            centre,
             window_width: 2 * reach_x + 1,
-            places: self
-                .places
-                .get(above * (2 * reach_x + 1)..)
-                .unwrap_or_default(),
+            places: self.places.get(above.count()..).unwrap_or_default(),
             colour_reach: self.parameters.colour_reach,
         };
         for (values, line) in row.values.iter_mut().zip(rows.clone()) {
@@ -144,18 +145,35 @@ pub struct WeightedMedianRow<'a> {
     pub centres: [&'a [u8]; MAX_CHANNELS],
     /// Rows in use.
     pub rows: usize,
+    /// Which of them is the filtered one.
+    pub centre: usize,
     /// Channels in use: 1 or 3.
     pub channels: usize,
     /// Columns of the window.
     pub window_width: usize,
-    /// Weight by place of each pixel of the window, row by row, 1/16.
+    /// Weight by place of each tap, row by row, 1/16.
     pub places: &'a [u8],
     /// Difference of colour at which nothing weighs any more.
     pub colour_reach: u8,
 }
 
+impl WeightedMedianRow<'_> {
+    /// Columns of the taps in one of the window's rows, from the window's first.
+    #[inline(always)]
+    pub fn tap_columns(&self, row: usize) -> impl Iterator<Item = usize> + use<> {
+        (self.first_tap(row)..self.window_width).step_by(2)
+    }
+
+    /// The first of them: 0 or 1.
+    #[inline(always)]
+    #[must_use]
+    pub fn first_tap(&self, row: usize) -> usize {
+        (self.window_width / 2 + self.centre + row) % 2
+    }
+}
+
 /// Filters a row into `output`; inlined so that a caller may compile it for its own
-/// instruction set. `weights` is scratch of 16 bytes per pixel of the window.
+/// instruction set. `weights` is scratch of 16 bytes per tap.
 ///
 /// A pixel without any weight around it, its own included, stays without a disparity.
 #[inline(always)]
@@ -195,7 +213,7 @@ fn filter_block<const N: usize>(
     let (weights, _) = weights.as_chunks_mut::<N>();
     let mut taps = weights.iter_mut().zip(row.places);
     for (index, values) in row.values.iter().enumerate().take(row.rows) {
-        for dx in 0..row.window_width {
+        for dx in row.tap_columns(index) {
             let (Some((weights, &place)), Some(values)) =
                 (taps.next(), run_at::<_, N>(values, x + dx))
             else {
@@ -237,8 +255,8 @@ fn filter_block<const N: usize>(
         }
         let mut below = [0_u16; N];
         let mut taps = weights.iter();
-        for values in row.values.iter().take(row.rows) {
-            for dx in 0..row.window_width {
+        for (index, values) in row.values.iter().enumerate().take(row.rows) {
+            for dx in row.tap_columns(index) {
                 let (Some(weights), Some(values)) = (taps.next(), run_at::<_, N>(values, x + dx))
                 else {
                     return;

@@ -8,25 +8,26 @@ use vgstereo_core::refine::{self, WeightedMedianRow};
 /// Pixels filtered side by side.
 const LANES: usize = 32;
 
-/// Pixels of the largest window that has weights here: the largest that a configuration may ask for.
-const MAX_WINDOW: usize = 363;
+/// Taps that have weights here: the most that a configuration may ask for.
+const MAX_TAPS: usize = 363;
 
 /// The same as core's `weighted_median_row`, and that itself for short rows.
 #[target_feature(enable = "avx512f,avx512bw,avx512vl")]
 pub fn weighted_median_row(row: &WeightedMedianRow<'_>, weights: &mut [u8], output: &mut [i16]) {
     let width = output.len();
-    let window = row.rows * row.window_width;
-    if width < LANES || window > MAX_WINDOW || window > row.places.len() || row.window_width == 0 {
+    let taps = (0..row.rows).map(|index| row.tap_columns(index).count());
+    let taps: usize = taps.sum();
+    if width < LANES || taps > MAX_TAPS || taps > row.places.len() || row.window_width == 0 {
         refine::weighted_median_row(row, weights, output);
         return;
     }
     // Words, on the host's stack.
-    let mut weights = [[0; LANES]; MAX_WINDOW];
+    let mut weights = [[0; LANES]; MAX_TAPS];
     // The last block overlaps the one before rather than leave a rest.
     for x in (0..width).step_by(LANES) {
         let x = x.min(width - LANES);
         if let Some(output) = output[x..].first_chunk_mut() {
-            filter_block(row, x, &mut weights[..window], output);
+            filter_block(row, x, &mut weights[..taps], output);
         }
     }
 }
@@ -50,15 +51,13 @@ fn filter_block(
     let mut totals = _mm512_setzero_si512();
     let mut low = _mm512_set1_epi16(i16::MAX);
     let mut high = _mm512_set1_epi16(i16::MIN);
-    let lines = weights
-        .chunks_exact_mut(row.window_width)
-        .zip(row.places.chunks_exact(row.window_width));
-    for (index, (weights, places)) in lines.enumerate() {
-        let values = row.values[index][run.clone()].windows(LANES);
-        let levels = |channel: usize| row.levels[channel][index][run.clone()].windows(LANES);
+    let mut places = weights.iter_mut().zip(row.places);
+    for index in 0..row.rows {
+        let taps = run.start + row.first_tap(index)..run.end;
+        let values = row.values[index][taps.clone()].windows(LANES);
+        let levels = |channel: usize| row.levels[channel][index][taps.clone()].windows(LANES);
         let taps = values.zip(levels(a)).zip(levels(b)).zip(levels(c));
-        let places = weights.iter_mut().zip(places);
-        for ((((values, a), b), c), (weights, &place)) in taps.zip(places) {
+        for ((((values, a), b), c), (weights, &place)) in taps.step_by(2).zip(places.by_ref()) {
             let values = load_words(values);
             let [a, b, c] = [
                 distance(centres[0], load_bytes(a)),
@@ -93,10 +92,10 @@ fn filter_block(
             _mm512_srai_epi16::<1>(_mm512_xor_si512(low, high)),
         );
         let mut below = _mm512_setzero_si512();
-        let lines = weights.chunks_exact(row.window_width);
-        for (weights, values) in lines.zip(row.values) {
-            let values = values[run.clone()].windows(LANES);
-            for (weights, values) in weights.iter().zip(values) {
+        let mut weights = weights.iter();
+        for (index, values) in row.values.iter().enumerate().take(row.rows) {
+            let values = values[run.start + row.first_tap(index)..run.end].windows(LANES);
+            for (values, weights) in values.step_by(2).zip(weights.by_ref()) {
                 let counts = _mm512_cmple_epi16_mask(load_words(values), middle);
                 below = _mm512_mask_add_epi16(below, counts, below, load_words(weights));
             }
