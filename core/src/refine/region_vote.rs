@@ -65,7 +65,7 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
             arms,
             arms_row: arena.take(width)?,
             arms_scratch: arena.take(arms_scratch_bytes(width))?,
-            // A refined disparity rounds to at most one beyond the range.
+            // The last place is for pixels without a disparity.
             votes: arena.take(usize::from(disparities.count) + 1)?,
             parameters,
             done: 0,
@@ -168,9 +168,10 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
 
     /// The disparity that wins, 1/16 px.
     fn elect(&self) -> Option<i16> {
-        let total: u32 = self.votes.iter().map(|&votes| u32::from(votes)).sum();
-        let most = self.votes.iter().fold(0, |a, &b| a.max(b));
-        let first = self.votes.iter().position(|&votes| votes == most)?;
+        let (_, votes) = self.votes.split_last()?;
+        let total: u32 = votes.iter().map(|&votes| u32::from(votes)).sum();
+        let most = votes.iter().fold(0, |a, &b| a.max(b));
+        let first = votes.iter().position(|&votes| votes == most)?;
         let wins = total > self.parameters.support_min.into()
             && u32::from(most) * 100 > total * u32::from(self.parameters.share_min_percent);
         // Within the range, and so within 1/16 px.
@@ -178,13 +179,15 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
     }
 }
 
-/// Counts the disparities of a run that hold, rounded to px.
+/// Counts the disparities of a run, rounded to px; those that do not hold in the last place.
 fn count_votes(run_q4: &[i16], votes: &mut [u16]) {
+    let Some(last) = votes.len().checked_sub(1) else {
+        return;
+    };
     for &found_q4 in run_q4 {
-        // Negative where rejected or in doubt.
-        if let Ok(found_q4) = usize::try_from(found_q4)
-            && let Some(votes) = votes.get_mut((found_q4 + 8) >> 4)
-        {
+        // Negative where rejected or in doubt, and then beyond every disparity.
+        let rounded_px = (usize::from(found_q4.cast_unsigned()) + 8) >> 4;
+        if let Some(votes) = votes.get_mut(rounded_px.min(last)) {
             *votes += 1;
         }
     }
