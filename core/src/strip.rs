@@ -215,12 +215,16 @@ impl<'a> StripWindow<'a> {
     #[must_use]
     #[inline(always)]
     pub fn start(&self, offset: Offset, first: usize, count: usize) -> Option<usize> {
-        let dx = match self.order {
-            Order::Columns => isize::from(offset.dx),
-            Order::Mirrored => -isize::from(offset.dx),
-        };
-        let distance = u32::from(offset.dy.unsigned_abs());
-        let slot = if offset.dy < 0 {
+        let column = self.column(offset.dx, first)?;
+        (column + count <= self.stride).then_some(self.row(offset.dy)? + column)
+    }
+
+    /// Where in [`StripWindow::pixels`] the line begins that is `dy` below the middle one.
+    #[must_use]
+    #[inline(always)]
+    pub fn row(&self, dy: i8) -> Option<usize> {
+        let distance = u32::from(dy.unsigned_abs());
+        let slot = if dy < 0 {
             let up = distance.min(self.above) as usize;
             // Below the first slot comes the last.
             match self.slot.checked_sub(up) {
@@ -235,8 +239,26 @@ impl<'a> StripWindow<'a> {
                 slot - self.depth
             }
         };
-        let from = (self.padding + first).checked_add_signed(dx)?;
-        (from + count <= self.stride).then_some(slot * self.stride + from)
+        Some(slot * self.stride)
+    }
+
+    /// Where in a stored line the sample is that a synapse `dx` away from stored position
+    /// `first` sees.
+    #[must_use]
+    #[inline(always)]
+    pub fn column(&self, dx: i8, first: usize) -> Option<usize> {
+        let dx = match self.order {
+            Order::Columns => isize::from(dx),
+            Order::Mirrored => -isize::from(dx),
+        };
+        (self.padding + first).checked_add_signed(dx)
+    }
+
+    /// Pixels from a stored line to the next.
+    #[must_use]
+    #[inline(always)]
+    pub fn stride(&self) -> usize {
+        self.stride
     }
 }
 

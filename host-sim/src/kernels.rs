@@ -72,6 +72,8 @@ mod aggregate_avx512;
 #[cfg(target_arch = "x86_64")]
 mod cost_avx512;
 #[cfg(target_arch = "x86_64")]
+mod difference;
+#[cfg(target_arch = "x86_64")]
 mod mask_avx2;
 #[cfg(target_arch = "x86_64")]
 mod median_avx512;
@@ -93,7 +95,11 @@ macro_rules! compiled_for {
 
             #[target_feature(enable = $features)]
             pub fn difference_block(block: &DifferenceBlock<'_>, differences: &mut [u8]) {
-                matching::difference_block(block, differences);
+                if block.lanes == matching::MASK_LANES {
+                    super::difference::difference_block(block, differences);
+                } else {
+                    matching::difference_block(block, differences);
+                }
             }
 
             #[target_feature(enable = $features)]
