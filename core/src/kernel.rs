@@ -11,7 +11,7 @@ use crate::matching::{
     recall_row,
 };
 use crate::minchinton::CELLS_PER_BYTE;
-use crate::refine::{ArmsRow, WeightedMedianRow, arms_row, weighted_median_row};
+use crate::refine::{ArmsRow, WeightedMedianRow, arms_row, median9_row, weighted_median_row};
 
 /// The inner loops of the pipeline. Provided methods are the reference; an override
 /// must give the same bits for every input.
@@ -54,6 +54,13 @@ pub trait Kernels: Copy {
     #[inline]
     fn arms_row(&self, row: &ArmsRow<'_>, scratch: &mut [u8], arms: &mut [i16]) {
         arms_row(row, scratch, arms);
+    }
+
+    /// Filters a row by its median of 3 x 3 pixels; see
+    /// [`median9_row`](crate::refine::median9_row).
+    #[inline]
+    fn median9_row(&self, rows: [&[i16]; 3], output: &mut [i16]) {
+        median9_row(rows, output);
     }
 
     /// Filters a row by its weighted median; see [`WeightedMedianRow`].

@@ -122,6 +122,11 @@ macro_rules! compiled_for {
             }
 
             #[target_feature(enable = $features)]
+            pub fn median9_row(rows: [&[i16]; 3], output: &mut [i16]) {
+                refine::median9_row(rows, output);
+            }
+
+            #[target_feature(enable = $features)]
             pub fn weighted_median_row(
                 row: &WeightedMedianRow<'_>,
                 weights: &mut [u8],
@@ -202,6 +207,10 @@ impl Kernels for HostKernels {
 
     fn arms_row(&self, row: &ArmsRow<'_>, scratch: &mut [u8], arms: &mut [i16]) {
         dispatch!(self, arms_row(row, scratch, arms));
+    }
+
+    fn median9_row(&self, rows: [&[i16]; 3], output: &mut [i16]) {
+        dispatch!(self, median9_row(rows, output));
     }
 
     fn weighted_median_row(

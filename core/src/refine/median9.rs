@@ -1,22 +1,22 @@
-//! Median of 3 x 3 pixels, by a network of exchanges that vector units run in parallel.
+//! Median of 3 x 3 pixels, by minima and maxima alone, which become vector code.
 //!
 //! At the edges the nearest pixel stands in for one outside. Pixels without a disparity
 //! take part as the smallest value.
 
 use super::ring::RowRing;
 use crate::disparity::INVALID;
+use crate::kernel::Kernels;
 use crate::memory::{Arena, OutOfMemory};
-
-const LANES: usize = 32;
 
 /// A 3 x 3 median over a ring of three rows.
 #[derive(Debug)]
-pub struct Median9<'m> {
+pub struct Median9<'m, K> {
+    kernels: K,
     rows: RowRing<'m>,
     width: usize,
 }
 
-impl<'m> Median9<'m> {
+impl Median9<'_, ()> {
     /// Lines of latency.
     pub const LATENCY_LINES: u8 = 1;
 
@@ -25,14 +25,18 @@ impl<'m> Median9<'m> {
     pub const fn memory_words(width: usize) -> usize {
         RowRing::memory_words(width, 1, 3)
     }
+}
 
+impl<'m, K: Kernels> Median9<'m, K> {
     /// A median for rows of `width` pixels.
     ///
     /// # Errors
     /// [`OutOfMemory`] when the arena has fewer than [`Median9::memory_words`] left.
-    pub fn new(width: usize, arena: &mut Arena<'m>) -> Result<Self, OutOfMemory> {
+    pub fn new(width: usize, kernels: K, arena: &mut Arena<'m>) -> Result<Self, OutOfMemory> {
+        let ahead = Median9::LATENCY_LINES;
         Ok(Self {
-            rows: RowRing::new(width, 1, 3, Self::LATENCY_LINES, INVALID, arena)?,
+            kernels,
+            rows: RowRing::new(width, 1, 3, ahead, INVALID, arena)?,
             width,
         })
     }
@@ -61,58 +65,47 @@ impl<'m> Median9<'m> {
         };
         self.rows.replicate_edges();
         let rows = [line.saturating_sub(1), line, line + 1].map(|line| self.rows.padded(line));
-        if self.width < LANES {
-            for x in 0..self.width {
-                median_block::<1>(rows, x, output);
-            }
-            return true;
-        }
-        // The last block overlaps the one before rather than leave a rest.
-        for x in (0..self.width).step_by(LANES) {
-            median_block::<LANES>(rows, x.min(self.width - LANES), output);
-        }
+        self.kernels.median9_row(rows, output);
         true
     }
 }
 
+/// Writes the median of each pixel of `output`; the rows above, of and below it have a
+/// pixel more at both ends. Inlined so that a caller may compile it for its own
+/// instruction set.
+///
+/// The columns of three are sorted first; the median is the middle one of the largest of
+/// their least, the middle one of their middle ones, and the least of their largest.
 #[inline(always)]
-fn median_block<const N: usize>(rows: [&[i16]; 3], x: usize, output: &mut [i16]) {
-    let mut values = [[0_i16; N]; 9];
-    let shifts = rows.iter().flat_map(|row| (0..3).map(move |dx| (row, dx)));
-    for (value, (row, dx)) in values.iter_mut().zip(shifts) {
-        if let Some(run) = row.get(x + dx..).and_then(|run| run.first_chunk::<N>()) {
-            *value = *run;
+pub fn median9_row(rows: [&[i16]; 3], output: &mut [i16]) {
+    let width = output.len();
+    let mut columns = [[&[][..]; 3]; 3];
+    for (column, from) in columns.iter_mut().zip(0..) {
+        for (values, row) in column.iter_mut().zip(rows) {
+            let Some(run) = row.get(from..from + width) else {
+                return;
+            };
+            *values = run;
         }
     }
-    // The exchanges of a median of nine (Paeth, Graphics Gems, 1990).
-    for (a, b) in [
-        (1, 2),
-        (4, 5),
-        (7, 8),
-        (0, 1),
-        (3, 4),
-        (6, 7),
-        (1, 2),
-        (4, 5),
-        (7, 8),
-        (0, 3),
-        (5, 8),
-        (4, 7),
-        (3, 6),
-        (1, 4),
-        (2, 5),
-        (4, 7),
-        (4, 2),
-        (6, 4),
-        (4, 2),
-    ] {
-        let (mut low, mut high) = (values[a], values[b]);
-        for (low, high) in low.iter_mut().zip(&mut high) {
-            (*low, *high) = ((*low).min(*high), (*low).max(*high));
-        }
-        (values[a], values[b]) = (low, high);
+    let [[a, b, c], [d, e, f], [g, h, i]] = columns;
+    // Equal lengths, proven once: no check is left in the loop.
+    let (a, b, c) = (&a[..width], &b[..width], &c[..width]);
+    let (d, e, f) = (&d[..width], &e[..width], &f[..width]);
+    let (g, h, i) = (&g[..width], &h[..width], &i[..width]);
+    for x in 0..width {
+        let (low_a, middle_a, high_a) = sorted(a[x], b[x], c[x]);
+        let (low_b, middle_b, high_b) = sorted(d[x], e[x], f[x]);
+        let (low_c, middle_c, high_c) = sorted(g[x], h[x], i[x]);
+        let low = low_a.max(low_b).max(low_c);
+        let (_, middle, _) = sorted(middle_a, middle_b, middle_c);
+        let high = high_a.min(high_b).min(high_c);
+        (_, output[x], _) = sorted(low, middle, high);
     }
-    if let Some(output) = output.get_mut(x..x + N) {
-        output.copy_from_slice(&values[4]);
-    }
+}
+
+#[inline(always)]
+fn sorted(a: i16, b: i16, c: i16) -> (i16, i16, i16) {
+    let (low, high) = (a.min(b), a.max(b));
+    (low.min(c), low.max(high.min(c)), high.max(c))
 }

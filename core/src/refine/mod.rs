@@ -12,7 +12,7 @@ mod weighted_median;
 
 pub use fill::fill_row;
 pub use median::Median;
-pub use median9::Median9;
+pub use median9::{Median9, median9_row};
 pub use region_vote::{ArmsRow, RegionVote, arms_row, arms_scratch_bytes};
 pub use surface::SurfaceRefiner;
 pub use vote::VoteFilter;

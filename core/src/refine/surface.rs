@@ -17,8 +17,8 @@ pub struct SurfaceRefiner<'m, K> {
     vote: Option<RegionVote<'m, K>>,
     border: Border,
     row: &'m mut [i16],
-    median: Median9<'m>,
-    weighted: Option<(WeightedMedian<'m, K>, Median9<'m>)>,
+    median: Median9<'m, K>,
+    weighted: Option<(WeightedMedian<'m, K>, Median9<'m, K>)>,
     confidences: &'m mut [u8],
     line_q4: &'m mut [i16],
     line_confidences: &'m mut [u8],
@@ -77,7 +77,7 @@ impl<'m, K: Kernels> SurfaceRefiner<'m, K> {
         let weighted = match parameters.weighted_median {
             Some(weighted) => Some((
                 WeightedMedian::new(width, weighted, kernels, arena)?,
-                Median9::new(width, arena)?,
+                Median9::new(width, kernels, arena)?,
             )),
             None => None,
         };
@@ -85,7 +85,7 @@ impl<'m, K: Kernels> SurfaceRefiner<'m, K> {
             vote,
             border: Border::default(),
             row: arena.take(width)?,
-            median: Median9::new(width, arena)?,
+            median: Median9::new(width, kernels, arena)?,
             weighted,
             confidences: arena.take(width * (latency as usize + 1))?,
             line_q4: arena.take(columns)?,
