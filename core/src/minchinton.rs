@@ -209,10 +209,12 @@ impl<'m> PatternRow<'m> {
         kernels: &impl Kernels,
     ) {
         // Nine samples make eight cells; the ninth is the first of the next byte.
-        let mut samples = synapses
-            .iter()
-            .cycle()
-            .map(|offset| strip.samples(line, offset, first, count));
+        let window = strip.window(line);
+        let mut samples = synapses.iter().cycle().map(|offset| {
+            let start = window.start(offset, first, count);
+            let samples = start.and_then(|start| window.pixels().get(start..start + count));
+            samples.unwrap_or_default()
+        });
         let mut next = samples.next().unwrap_or_default();
         for plane in self.planes.chunks_exact_mut(self.stride) {
             let mut group: [&[u8]; CELLS_PER_BYTE + 1] = [next; CELLS_PER_BYTE + 1];

@@ -27,6 +27,8 @@ pub struct SurfaceMatcher<'m, K> {
     luma: [&'m mut [u8]; 2],
     exposure: Exposure,
     masks: Option<Masks<'m>>,
+    /// By the number of cells that count, the cost of one of them, 1/256.
+    cell_costs_q8: &'m mut [u16],
     other_low: &'m mut [u8],
     other_high: &'m mut [u8],
     costs: &'m mut [u8],
@@ -196,6 +198,7 @@ impl SurfaceMatcher<'_, ()> {
             total += 2 * words(sizes.channels() * sizes.positions, 1);
         }
         total
+            + words(synapses + 1, size_of::<u16>())
             + 3 * words(width * sizes.stride, 1)
             + 2 * words(width, 1)
             + words(path_scratch_bytes(sizes.stride), 1)
@@ -263,6 +266,7 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
             luma: [arena.take(luma_bytes)?, arena.take(luma_bytes)?],
             exposure: Exposure::new(),
             masks,
+            cell_costs_q8: cell_costs(parameters, arena.take(synapses + 1)?),
             other_low: arena.take(levels)?,
             other_high: arena.take(levels)?,
             costs: arena.take(width * sizes.stride)?,
@@ -423,7 +427,6 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         };
         // At least one cell, rounded up.
         let kept = (u32::from(synapses) * u32::from(parameters.kept_cells_q8)).div_ceil(256);
-        let scale_q8 = u32::from(parameters.hamming_scale) << 8;
         let weight_q4 = parameters.difference_weight_q4;
         let levels = rows_of(channels, line);
         let mut windows = [StripWindow::NONE; MAX_CHANNELS];
@@ -467,11 +470,14 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
                     count: cells / CELLS_PER_BYTE,
                 };
             }
-            let cell_costs_q8 = counts.map(|count| {
-                let count = u32::from(count.max(1));
-                // The scale is bounded so that times the count this fits 16 bits.
-                ((scale_q8 + count / 2) / count) as u16
-            });
+            let mut cell_costs_q8 = [0; MASK_LANES];
+            for (cost, &count) in cell_costs_q8.iter_mut().zip(&counts) {
+                *cost = self
+                    .cell_costs_q8
+                    .get(usize::from(count))
+                    .copied()
+                    .unwrap_or(0);
+            }
             let run = CostRun {
                 start,
                 inputs: self.sampler.inputs.planes(),
@@ -576,6 +582,16 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         }
         self.exposure.end_line(sizes.channels());
     }
+}
+
+/// Fills the table of costs by count; so that there is no division per pixel.
+fn cell_costs<'m>(parameters: &Aggregation, costs_q8: &'m mut [u16]) -> &'m mut [u16] {
+    let scale_q8 = u32::from(parameters.hamming_scale) << 8;
+    for (cost, count) in costs_q8.iter_mut().zip(0_u32..).skip(1) {
+        // The scale is bounded so that times the count this fits 16 bits.
+        *cost = ((scale_q8 + count / 2) / count) as u16;
+    }
+    costs_q8
 }
 
 /// The reference view's channels: red, green and blue, or grey alone.
