@@ -68,6 +68,10 @@ impl HostKernels {
 }
 
 #[cfg(target_arch = "x86_64")]
+mod aggregate;
+#[cfg(target_arch = "x86_64")]
+mod aggregate_avx2;
+#[cfg(target_arch = "x86_64")]
 mod aggregate_avx512;
 #[cfg(target_arch = "x86_64")]
 mod cost_avx512;
@@ -75,6 +79,10 @@ mod cost_avx512;
 mod difference;
 #[cfg(target_arch = "x86_64")]
 mod mask_avx2;
+#[cfg(target_arch = "x86_64")]
+mod median;
+#[cfg(target_arch = "x86_64")]
+mod median_avx2;
 #[cfg(target_arch = "x86_64")]
 mod median_avx512;
 
@@ -157,8 +165,8 @@ compiled_for!(
     avx2,
     "avx2,popcnt",
     vgstereo_core::matching::cost_run,
-    vgstereo_core::aggregation::aggregate_row,
-    vgstereo_core::refine::weighted_median_row
+    super::aggregate_avx2::aggregate_row,
+    super::median_avx2::weighted_median_row
 );
 #[cfg(target_arch = "x86_64")]
 compiled_for!(

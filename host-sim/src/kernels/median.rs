@@ -1,0 +1,158 @@
+//! Weighted median in vector registers: pixels side by side, words for values and weights.
+//!
+//! The loops are the same for every instruction set; [`median_in_registers`] puts them
+//! beside the registers' own operations.
+
+/// Taps that have room here: the most that a configuration may ask for.
+pub const MAX_TAPS: usize = 363;
+
+/// A tap of `LANES` centres side by side. No load of it straddles two cache lines.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+pub struct Tap<const LANES: usize> {
+    pub values: [i16; LANES],
+    pub weights: [i16; LANES],
+}
+
+impl<const LANES: usize> Tap<LANES> {
+    pub const NONE: Self = Self {
+        values: [0; LANES],
+        weights: [0; LANES],
+    };
+}
+
+/// Defines `weighted_median_row`, the same as core's and that itself for short rows.
+///
+/// A macro because a function cannot be compiled for the instruction set of its caller. It
+/// takes from where it stands `Bytes` and `Words`, registers of `LANES` of them, and the
+/// operations on them, by the names used here.
+macro_rules! median_in_registers {
+    ($features:literal) => {
+        #[target_feature(enable = $features)]
+        pub fn weighted_median_row(
+            row: &WeightedMedianRow<'_>,
+            weights: &mut [u8],
+            output: &mut [i16],
+        ) {
+            let width = output.len();
+            let taps = (0..row.rows).map(|index| row.tap_columns(index).count());
+            let taps: usize = taps.sum();
+            if width < LANES || taps > MAX_TAPS || taps > row.places.len() || row.window_width == 0
+            {
+                refine::weighted_median_row(row, weights, output);
+                return;
+            }
+            // On the host's stack.
+            let mut taps = [Tap::NONE; MAX_TAPS];
+            // The last block overlaps the one before rather than leave a rest.
+            for x in (0..width).step_by(LANES) {
+                let x = x.min(width - LANES);
+                if let Some(output) = output[x..].first_chunk_mut() {
+                    filter_block(row, x, &mut taps, output);
+                }
+            }
+        }
+
+        /// Filters the pixels from `x` on.
+        #[target_feature(enable = $features)]
+        #[inline]
+        fn filter_block(
+            row: &WeightedMedianRow<'_>,
+            x: usize,
+            taps: &mut [Tap<LANES>; MAX_TAPS],
+            output: &mut [i16; LANES],
+        ) {
+            // Grey counts as three equal channels.
+            let [a, b, c] = if row.channels == 1 { [0; 3] } else { [0, 1, 2] };
+            let run = x..x + row.window_width - 1 + LANES;
+            let centre = |channel: usize| load_bytes(&row.centres[channel][x..x + LANES]);
+            let centres = [centre(a), centre(b), centre(c)];
+            let reach = broadcast(row.colour_reach.into());
+            let invalid = broadcast(INVALID);
+            let mut totals = broadcast(0);
+            let mut low = broadcast(i16::MAX);
+            let mut high = broadcast(i16::MIN);
+            let mut count = 0;
+            let mut places = row.places.iter();
+            for index in 0..row.rows {
+                let run = run.start + row.first_tap(index)..run.end;
+                let values = row.values[index][run.clone()].windows(LANES);
+                let levels =
+                    |channel: usize| row.levels[channel][index][run.clone()].windows(LANES);
+                let pixels = values.zip(levels(a)).zip(levels(b)).zip(levels(c));
+                for ((((values, a), b), c), &place) in pixels.step_by(2).zip(places.by_ref()) {
+                    let values = load_words(values);
+                    // Cut off at 255, where nothing weighs any more.
+                    let levels = [load_bytes(a), load_bytes(b), load_bytes(c)];
+                    let difference = difference(centres, levels);
+                    let likeness = subtract_saturating(reach, difference);
+                    let square = shift_right::<4>(multiply(likeness, likeness));
+                    let weight = shift_right::<4>(multiply(square, broadcast(place.into())));
+                    let weight = select(is_equal(values, invalid), broadcast(0), weight);
+                    totals = add(totals, weight);
+                    let is_nothing = is_equal(weight, broadcast(0));
+                    low = least(low, select(is_nothing, low, values));
+                    high = greatest(high, select(is_nothing, high, values));
+                    // What weighs nothing anywhere is written over by the next.
+                    if let Some(tap) = taps.get_mut(count) {
+                        store_words(&mut tap.values, values);
+                        store_words(&mut tap.weights, weight);
+                    }
+                    count += usize::from(!is_all(is_nothing));
+                }
+            }
+            let taps = taps.get(..count).unwrap_or_default();
+            // Bisection: the smallest value at or below which lies half of the weight.
+            loop {
+                let is_open = is_greater(high, low);
+                if is_none(is_open) {
+                    break;
+                }
+                // Rounded down, without overflow.
+                let middle = add(and(low, high), shift_right_signed::<1>(xor(low, high)));
+                // Where the search is open, this does not overflow.
+                let next = add(middle, broadcast(1));
+                let mut below = broadcast(0);
+                for tap in taps {
+                    let counts = is_greater(next, load_words(&tap.values));
+                    below = add(below, keep(counts, load_words(&tap.weights)));
+                }
+                let is_below = at_least_unsigned(below, subtract(totals, below));
+                high = select(is_open, select(is_below, middle, high), high);
+                low = select(is_open, select(is_below, low, next), low);
+            }
+            let is_unknown = is_equal(totals, broadcast(0));
+            store_words(output, select(is_unknown, invalid, low));
+        }
+
+        /// The first words; all 0 where there are fewer than a register has.
+        #[target_feature(enable = $features)]
+        #[inline]
+        fn load_words(words: &[i16]) -> Words {
+            const { assert!(size_of::<Words>() == size_of::<[i16; LANES]>()) };
+            let Some(words) = words.first_chunk::<LANES>() else {
+                return broadcast(0);
+            };
+            // SAFETY: both have the same size, and any bits are words.
+            unsafe { words.as_ptr().cast::<Words>().read_unaligned() }
+        }
+
+        #[target_feature(enable = $features)]
+        #[inline]
+        fn store_words(words: &mut [i16; LANES], register: Words) {
+            // SAFETY: as above.
+            unsafe { words.as_mut_ptr().cast::<Words>().write_unaligned(register) }
+        }
+
+        /// The first bytes; all 0 where there are fewer than [`LANES`].
+        #[target_feature(enable = $features)]
+        #[inline]
+        fn load_bytes(bytes: &[u8]) -> Bytes {
+            const { assert!(size_of::<Bytes>() == LANES) };
+            let bytes = bytes.first_chunk::<LANES>().unwrap_or(&[0; LANES]);
+            // SAFETY: both have the same size, and any bits are bytes.
+            unsafe { bytes.as_ptr().cast::<Bytes>().read_unaligned() }
+        }
+    };
+}
+pub(super) use median_in_registers;
