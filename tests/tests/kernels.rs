@@ -5,13 +5,43 @@ use proptest::prelude::*;
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_core::aggregation::{AggregateRow, path_scratch_bytes};
+use vgstereo_core::disparity::INVALID;
 use vgstereo_core::kernel::{Kernels, Portable};
-use vgstereo_core::matching::{NO_COST, cost_stride};
+use vgstereo_core::matching::{
+    CostRun, DifferenceBlock, MASK_LANES, MAX_CHANNELS, MaskBlock, NO_COST, cost_stride,
+};
+use vgstereo_core::memory::Arena;
+use vgstereo_core::minchinton::{CELLS_PER_BYTE, PatternRow, Planes};
+use vgstereo_core::refine::{ArmsRow, WeightedMedianRow, arms_scratch_bytes};
+use vgstereo_core::strip::{Order, Strip, StripWindow};
+use vgstereo_core::synapse::Synapses;
 use vgstereo_sim::kernels::HostKernels;
+
+/// Most rows of a weighted median's window.
+const WINDOW_ROWS: usize = 15;
 
 /// Below `bound`, which is at least 1.
 fn below(random: &mut Pcg32, bound: usize) -> usize {
     random.next_u32() as usize % bound
+}
+
+/// Bytes from `low` on, with few levels at times, so that many are equal.
+fn levels(random: &mut Pcg32, count: usize) -> Vec<u8> {
+    let low = below(random, 256);
+    let most = [2, 20, 256][below(random, 3)].min(256 - low);
+    let levels = 1 + below(random, most);
+    (0..count)
+        .map(|_| (low + below(random, levels)) as u8)
+        .collect()
+}
+
+/// The rows of up to three channels.
+fn channel_rows(rows: &[Vec<u8>]) -> [&[u8]; MAX_CHANNELS] {
+    let mut all = [&[][..]; MAX_CHANNELS];
+    for (to, row) in all.iter_mut().zip(rows) {
+        *to = row;
+    }
+    all
 }
 
 /// What an aggregated row gives, and its state for the next.
@@ -82,6 +112,210 @@ fn aggregate(
     rows
 }
 
+/// Disparities: all values, a few neighbouring ones, or the ends of the range; some are
+/// missing.
+fn disparities_q4(random: &mut Pcg32, count: usize) -> Vec<i16> {
+    let (kind, low, missing) = (below(random, 3), random.next_u32() as i16, below(random, 5));
+    let mut disparity = || match kind {
+        _ if below(random, 4) < missing => INVALID,
+        0 => random.next_u32() as i16,
+        1 => low.wrapping_add(below(random, 40) as i16),
+        _ => [INVALID + 1, -1, 0, 1, i16::MAX - 1, i16::MAX][below(random, 6)],
+    };
+    (0..count).map(|_| disparity()).collect()
+}
+
+fn weighted_median(
+    kernels: impl Kernels,
+    (width, reach_x, rows, channels): (usize, usize, usize, usize),
+    seed: u64,
+) -> Vec<i16> {
+    let mut random = Pcg32::seed_from_u64(seed);
+    let padded = width + 2 * reach_x;
+    let values: Vec<_> = (0..rows)
+        .map(|_| disparities_q4(&mut random, padded))
+        .collect();
+    let planes: Vec<_> = (0..channels)
+        .map(|_| levels(&mut random, rows * padded))
+        .collect();
+    let centre = below(&mut random, rows);
+    let taps = rows * (2 * reach_x + 1);
+    let places: Vec<u8> = (0..taps)
+        .map(|_| 1 + below(&mut random, 20) as u8)
+        .collect();
+    let mut row = WeightedMedianRow {
+        values: [&[]; WINDOW_ROWS],
+        levels: [[&[]; WINDOW_ROWS]; MAX_CHANNELS],
+        centres: [&[]; MAX_CHANNELS],
+        rows,
+        centre,
+        channels,
+        window_width: 2 * reach_x + 1,
+        places: &places,
+        colour_reach: 4 + below(&mut random, 45) as u8,
+    };
+    for (to, values) in row.values.iter_mut().zip(&values) {
+        *to = values;
+    }
+    for ((levels, centre_levels), plane) in row.levels.iter_mut().zip(&mut row.centres).zip(&planes)
+    {
+        for (to, line) in levels.iter_mut().zip(plane.chunks_exact(padded)) {
+            *to = line;
+        }
+        *centre_levels = &levels[centre][reach_x..reach_x + width];
+    }
+    let mut output = vec![1; width];
+    kernels.weighted_median_row(&row, &mut vec![2; 16 * taps], &mut output);
+    output
+}
+
+fn arms(
+    kernels: impl Kernels,
+    (width, reach, channels): (usize, u8, usize),
+    seed: u64,
+) -> Vec<i16> {
+    let mut random = Pcg32::seed_from_u64(seed);
+    let planes: Vec<_> = (0..channels).map(|_| levels(&mut random, width)).collect();
+    let row = ArmsRow {
+        levels: channel_rows(&planes),
+        channels,
+        reach,
+        near_step: random.next_u32() as u8,
+        far_step: random.next_u32() as u8,
+    };
+    let mut arms = vec![-1; width];
+    kernels.arms_row(&row, &mut vec![2; arms_scratch_bytes(width)], &mut arms);
+    arms
+}
+
+/// Masks, and the number of cells in each.
+fn masks(kernels: impl Kernels, (lanes, bytes): (usize, usize), seed: u64) -> (Vec<u8>, Vec<u16>) {
+    let mut random = Pcg32::seed_from_u64(seed);
+    let cells = bytes * CELLS_PER_BYTE;
+    let mut masks = vec![1; bytes * lanes];
+    let mut block = MaskBlock {
+        differences: &mut levels(&mut random, cells * lanes),
+        lanes,
+        kept: 1 + below(&mut random, cells) as u16,
+        floor: random.next_u32() as u8,
+        masks: &mut masks,
+        counts: [2; MASK_LANES],
+    };
+    kernels.mask_block(&mut block);
+    let counts = block.counts[..lanes].to_vec();
+    (masks, counts)
+}
+
+fn differences(
+    kernels: impl Kernels,
+    (width, lanes, channels): (usize, usize, usize),
+    seed: u64,
+) -> Vec<u8> {
+    const REACH_PX: usize = 5;
+    let depth = 2 * REACH_PX + 1;
+    let mut random = Pcg32::seed_from_u64(seed);
+    let order = [Order::Columns, Order::Mirrored][below(&mut random, 2)];
+    let pushed = 1 + below(&mut random, 2 * depth);
+    let words = Strip::memory_words(width, REACH_PX, depth);
+    let mut memory = vec![0; channels * words];
+    let strips: Vec<_> = memory
+        .chunks_exact_mut(words)
+        .map(|memory| {
+            let mut arena = Arena::new(memory);
+            let mut strip = Strip::new(width, REACH_PX, depth, order, &mut arena).unwrap();
+            for _ in 0..pushed {
+                strip.push(&levels(&mut random, width));
+            }
+            strip
+        })
+        .collect();
+    let mut offset = || below(&mut random, depth) as i8 - REACH_PX as i8;
+    let offsets: Vec<_> = (0..32).map(|_| [offset(), offset()]).collect();
+    let mut windows = [StripWindow::NONE; MAX_CHANNELS];
+    for (window, strip) in windows.iter_mut().zip(&strips) {
+        *window = strip.window(pushed.saturating_sub(REACH_PX + 1) as u32);
+    }
+    let lanes = lanes.min(width);
+    let block = DifferenceBlock {
+        windows,
+        channels,
+        synapses: Synapses::from_stored(&offsets),
+        first: below(&mut random, width - lanes + 1),
+        lanes,
+    };
+    let mut differences = vec![1; offsets.len() * lanes];
+    kernels.difference_block(&block, &mut differences);
+    differences
+}
+
+fn costs(
+    kernels: impl Kernels,
+    (width, disparities, bytes, channels): (usize, usize, usize, usize),
+    seed: u64,
+) -> Vec<u8> {
+    let mut random = Pcg32::seed_from_u64(seed);
+    let stride = cost_stride(disparities);
+    let start = below(&mut random, 3);
+    let spare = below(&mut random, 3);
+    let first_position = width - 1 + spare;
+    let positions = first_position + stride;
+    let mut planes = |positions: usize| -> Vec<u8> {
+        let bytes = bytes * (positions + PatternRow::SLACK);
+        (0..bytes).map(|_| random.next_u32() as u8).collect()
+    };
+    let (inputs, masks, stored) = (planes(start + width), planes(width), planes(positions));
+    let planes = |bytes, positions: usize, count| Planes {
+        bytes,
+        stride: positions + PatternRow::SLACK,
+        count,
+    };
+    let cells = bytes * CELLS_PER_BYTE;
+    // As bounded where they are made: see `CostRun::cell_costs_q8`.
+    let cell_cost_max = ((1 << 16) - 129) / cells;
+    let cell_costs_q8: Vec<_> = (0..width)
+        .map(|_| below(&mut random, cell_cost_max + 1) as u16)
+        .collect();
+    let masked = below(&mut random, 3) > 0;
+    let mut rows = |count: usize| -> Vec<Vec<u8>> {
+        (0..channels).map(|_| levels(&mut random, count)).collect()
+    };
+    let (own, other) = (rows(start + width), rows(positions + PatternRow::SLACK));
+    let dead_zone = below(&mut random, 9) as u8;
+    let moved = |change: fn(u8, u8) -> u8| -> Vec<Vec<u8>> {
+        let row = |row: &Vec<u8>| row.iter().map(|&level| change(level, dead_zone)).collect();
+        other.iter().map(row).collect()
+    };
+    let (low, high) = (moved(u8::saturating_sub), moved(u8::saturating_add));
+    let hamming_truncation = random.next_u32() as u8;
+    let difference_truncation = random.next_u32() as u8;
+    // Both terms together fit 8 bits.
+    let rest = usize::from(u8::MAX - hamming_truncation) * 16;
+    let weight_max = rest / usize::from(difference_truncation.max(1));
+    let run = CostRun {
+        start,
+        inputs: planes(&inputs, start + width, bytes),
+        masks: if masked {
+            planes(&masks, width, bytes)
+        } else {
+            Planes::NONE
+        },
+        cell_costs_q8: &cell_costs_q8,
+        stored: planes(&stored, positions, bytes),
+        first_position,
+        disparities,
+        hamming_truncation,
+        levels: channel_rows(&own),
+        other_low: channel_rows(&low),
+        other_high: channel_rows(&high),
+        channels,
+        difference_truncation,
+        difference_weight_q4: below(&mut random, weight_max.min(255) + 1) as u8,
+    };
+    let mut costs = vec![1; width * stride];
+    kernels.cost_run(&run, &mut costs);
+    costs
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
 
@@ -97,6 +331,77 @@ proptest! {
         for kernels in HostKernels::available() {
             let found = aggregate(kernels, size, seed);
             prop_assert!(found == expected, "{}", kernels.name());
+        }
+    }
+
+    #[test]
+    fn weighted_medians_are_alike(
+        width in prop_oneof![1_usize..80, Just(16), Just(32), Just(64)],
+        (reach_x, rows) in prop_oneof![(0_usize..=12, 1_usize..=WINDOW_ROWS), Just((30, 11))],
+        channels in prop_oneof![Just(1_usize), Just(3)],
+        seed in any::<u64>(),
+    ) {
+        let size = (width, reach_x, rows, channels);
+        let expected = weighted_median(Portable, size, seed);
+        for kernels in HostKernels::available() {
+            let found = weighted_median(kernels, size, seed);
+            prop_assert_eq!(&found, &expected, "{}", kernels.name());
+        }
+    }
+
+    #[test]
+    fn arms_are_alike(
+        width in 1_usize..200,
+        reach in 0_u8..=127,
+        channels in prop_oneof![Just(1_usize), Just(3)],
+        seed in any::<u64>(),
+    ) {
+        let size = (width, reach, channels);
+        let expected = arms(Portable, size, seed);
+        for kernels in HostKernels::available() {
+            prop_assert_eq!(&arms(kernels, size, seed), &expected, "{}", kernels.name());
+        }
+    }
+
+    #[test]
+    fn masks_are_alike(
+        lanes in prop_oneof![1..=MASK_LANES, Just(MASK_LANES)],
+        bytes in prop_oneof![1_usize..=16, Just(32), Just(64), Just(128)],
+        seed in any::<u64>(),
+    ) {
+        let size = (lanes, bytes);
+        let expected = masks(Portable, size, seed);
+        for kernels in HostKernels::available() {
+            prop_assert_eq!(&masks(kernels, size, seed), &expected, "{}", kernels.name());
+        }
+    }
+
+    #[test]
+    fn differences_are_alike(
+        width in 1_usize..80,
+        lanes in prop_oneof![1..=MASK_LANES, Just(MASK_LANES)],
+        channels in prop_oneof![Just(1_usize), Just(3)],
+        seed in any::<u64>(),
+    ) {
+        let size = (width, lanes, channels);
+        let expected = differences(Portable, size, seed);
+        for kernels in HostKernels::available() {
+            prop_assert_eq!(&differences(kernels, size, seed), &expected, "{}", kernels.name());
+        }
+    }
+
+    #[test]
+    fn costs_are_alike(
+        width in 1_usize..40,
+        disparities in prop_oneof![1_usize..=64, 1_usize..=200, Just(64), Just(128)],
+        bytes in prop_oneof![1_usize..=8, Just(32), Just(64)],
+        channels in prop_oneof![Just(1_usize), Just(3)],
+        seed in any::<u64>(),
+    ) {
+        let size = (width, disparities, bytes, channels);
+        let expected = costs(Portable, size, seed);
+        for kernels in HostKernels::available() {
+            prop_assert_eq!(&costs(kernels, size, seed), &expected, "{}", kernels.name());
         }
     }
 }
