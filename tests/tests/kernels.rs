@@ -350,6 +350,20 @@ proptest! {
     }
 
     #[test]
+    fn medians_of_nine_are_alike(width in 1_usize..80, seed in any::<u64>()) {
+        let random = &mut Pcg32::seed_from_u64(seed);
+        let rows = [(); 3].map(|()| disparities_q4(random, width + 2));
+        let rows = rows.each_ref().map(Vec::as_slice);
+        let mut expected = vec![1; width];
+        Portable.median9_row(rows, &mut expected);
+        for kernels in HostKernels::available() {
+            let mut found = vec![2; width];
+            kernels.median9_row(rows, &mut found);
+            prop_assert_eq!(&found, &expected, "{}", kernels.name());
+        }
+    }
+
+    #[test]
     fn arms_are_alike(
         width in 1_usize..200,
         reach in 0_u8..=127,
