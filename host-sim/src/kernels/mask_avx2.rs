@@ -13,7 +13,7 @@ pub fn mask_block(block: &mut MaskBlock<'_>) {
     let mut partner = load(first);
     for cell in cells.iter_mut().rev() {
         let own = load(cell);
-        store(cell, _mm256_max_epu8(own, partner));
+        store(cell, in_signed_order(_mm256_max_epu8(own, partner)));
         partner = own;
     }
     let cells = &*cells;
@@ -51,39 +51,52 @@ pub fn mask_block(block: &mut MaskBlock<'_>) {
         *pair = [even, odd];
     }
     let masks = block.masks.as_chunks_mut::<MASK_LANES>().0;
+    let threshold = in_signed_order(high);
     for (mask, cells) in masks.iter_mut().zip(cells.as_chunks::<CELLS_PER_BYTE>().0) {
         let mut bits = _mm256_setzero_si256();
         for cell in cells.iter().rev() {
-            // Twice the bits, plus one where the cell counts.
-            let counted = within(load(cell), high);
-            bits = _mm256_sub_epi8(_mm256_add_epi8(bits, bits), counted);
+            // Twice the bits, plus one where the cell does not count.
+            let beyond = _mm256_cmpgt_epi8(load(cell), threshold);
+            bits = _mm256_sub_epi8(_mm256_add_epi8(bits, bits), beyond);
         }
-        store(mask, bits);
+        store(mask, _mm256_xor_si256(bits, _mm256_set1_epi8(-1)));
     }
 }
 
 /// How many cells of each pixel are within its threshold: of pixels with even places, and
-/// of those with odd ones.
+/// of those with odd ones. Cells are in signed order.
 #[target_feature(enable = "avx2")]
 #[inline]
 fn count_within(cells: &[[u8; MASK_LANES]], thresholds: __m256i) -> [__m256i; 2] {
-    let (mut even, mut odd) = (_mm256_setzero_si256(), _mm256_setzero_si256());
-    for group in cells.chunks(u8::MAX.into()) {
-        let mut sums = _mm256_setzero_si256();
-        for cell in group {
-            sums = _mm256_sub_epi8(sums, within(load(cell), thresholds));
+    let thresholds = in_signed_order(thresholds);
+    // At most 1024 cells.
+    let all = _mm256_set1_epi16(cells.len() as i16);
+    let (mut even, mut odd) = (all, all);
+    // Patterns are whole bytes of cells; those of a group are counted in 8 bits.
+    let bytes = cells.as_chunks::<CELLS_PER_BYTE>().0;
+    for group in bytes.chunks(u8::MAX as usize / CELLS_PER_BYTE) {
+        let mut beyond = _mm256_setzero_si256();
+        for cells in group {
+            // In two halves, so that not each waits for the one before.
+            let (mut a, mut b) = (_mm256_setzero_si256(), _mm256_setzero_si256());
+            let (first, second) = cells.split_at(CELLS_PER_BYTE / 2);
+            for (first, second) in first.iter().zip(second) {
+                a = _mm256_add_epi8(a, _mm256_cmpgt_epi8(load(first), thresholds));
+                b = _mm256_add_epi8(b, _mm256_cmpgt_epi8(load(second), thresholds));
+            }
+            beyond = _mm256_sub_epi8(beyond, _mm256_add_epi8(a, b));
         }
-        even = _mm256_add_epi16(even, _mm256_and_si256(sums, _mm256_set1_epi16(255)));
-        odd = _mm256_add_epi16(odd, _mm256_srli_epi16(sums, 8));
+        even = _mm256_sub_epi16(even, _mm256_and_si256(beyond, _mm256_set1_epi16(255)));
+        odd = _mm256_sub_epi16(odd, _mm256_srli_epi16(beyond, 8));
     }
     [even, odd]
 }
 
-/// All ones where a cell is within the threshold.
+/// Unsigned bytes as signed ones in the same order: there is one comparison for those.
 #[target_feature(enable = "avx2")]
 #[inline]
-fn within(cells: __m256i, thresholds: __m256i) -> __m256i {
-    _mm256_cmpeq_epi8(_mm256_min_epu8(cells, thresholds), cells)
+fn in_signed_order(bytes: __m256i) -> __m256i {
+    _mm256_xor_si256(bytes, _mm256_set1_epi8(i8::MIN))
 }
 
 #[target_feature(enable = "avx2")]
