@@ -78,9 +78,15 @@ impl PixelFormat {
     /// Takes one channel of a line: red is 0, green 1, blue 2, 8 bits each; grey has three
     /// times the same. YUV is converted with BT.601's full-range coefficients in 1/64.
     ///
-    /// Of a line and a row of different lengths, the common pixels are converted.
+    /// Of a line and a row of different lengths, the common pixels are converted. A channel
+    /// that there is not is 0.
     pub fn channel(self, line: &[u8], channel: usize, row: &mut [u8]) {
-        let pick = |pixel: [u8; 3]| pixel.get(channel).copied().unwrap_or(0);
+        // Asked once rather than of each pixel.
+        if channel >= 3 {
+            row.fill(0);
+            return;
+        }
+        let pick = |pixel: [u8; 3]| pixel[channel];
         match self {
             Self::Grey8 => {
                 for (level, &grey) in row.iter_mut().zip(line) {
