@@ -56,8 +56,7 @@ pub trait Kernels: Copy {
         arms_row(row, scratch, arms);
     }
 
-    /// Filters a row by its median of 3 x 3 pixels; see
-    /// [`median9_row`](crate::refine::median9_row).
+    /// Filters a row by its median of 3 x 3 pixels; see [`median9_row`].
     #[inline]
     fn median9_row(&self, rows: [&[i16]; 3], output: &mut [i16]) {
         median9_row(rows, output);

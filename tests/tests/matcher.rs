@@ -250,8 +250,11 @@ fn aggregations_out_of_range_are_refused() {
         &|a| a.weighted_median.as_mut().unwrap().reach_x_px = 31,
         &|a| a.weighted_median.as_mut().unwrap().reach_y_px = 8,
         &|a| a.weighted_median.as_mut().unwrap().colour_reach = 49,
-        // 25 x 15.
-        &|a| a.weighted_median.as_mut().unwrap().reach_y_px = 7,
+        // Half of 61 x 15 are taps.
+        &|a| {
+            let median = a.weighted_median.as_mut().unwrap();
+            (median.reach_x_px, median.reach_y_px) = (30, 7);
+        },
     ];
     for (number, change) in windows.into_iter().enumerate() {
         assert_eq!(refusal(change), Some(ConfigError::Windows), "{number}");
