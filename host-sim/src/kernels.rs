@@ -74,6 +74,10 @@ mod aggregate_avx2;
 #[cfg(target_arch = "x86_64")]
 mod aggregate_avx512;
 #[cfg(target_arch = "x86_64")]
+mod cost;
+#[cfg(target_arch = "x86_64")]
+mod cost_avx2;
+#[cfg(target_arch = "x86_64")]
 mod cost_avx512;
 #[cfg(target_arch = "x86_64")]
 mod difference;
@@ -164,7 +168,7 @@ macro_rules! compiled_for {
 compiled_for!(
     avx2,
     "avx2,popcnt",
-    vgstereo_core::matching::cost_run,
+    super::cost_avx2::cost_run,
     super::aggregate_avx2::aggregate_row,
     super::median_avx2::weighted_median_row
 );

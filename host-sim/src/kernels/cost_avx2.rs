@@ -1,0 +1,66 @@
+//! Matching costs in AVX2.
+
+use std::arch::x86_64::{
+    __m256i as Register, _mm_loadu_si128, _mm_storeu_si128, _mm256_add_epi8 as add_bytes,
+    _mm256_add_epi16 as add_words, _mm256_and_si256 as and, _mm256_castsi128_si256,
+    _mm256_castsi256_si128, _mm256_loadu_si256, _mm256_min_epu16 as least_words,
+    _mm256_mullo_epi16 as multiply, _mm256_or_si256 as or, _mm256_packus_epi16 as pack,
+    _mm256_set1_epi8 as broadcast_byte, _mm256_set1_epi16 as broadcast_word, _mm256_setr_epi8,
+    _mm256_setzero_si256 as zero, _mm256_shuffle_epi8, _mm256_srli_epi16 as shift_right,
+    _mm256_storeu_si256, _mm256_subs_epu8 as subtract_saturating,
+    _mm256_unpackhi_epi8 as unpack_high, _mm256_unpacklo_epi8 as unpack_low,
+    _mm256_xor_si256 as xor,
+};
+
+use vgstereo_core::matching::{self, CostRun, MAX_CHANNELS, cost_stride};
+
+use super::cost::{PLANES_PER_SUM, beyond, cost_in_registers, is_inside};
+
+/// Disparities side by side; there are half as many where there are no more.
+const LANES: usize = 32;
+
+cost_in_registers!("avx2");
+
+/// Ones of each byte, by looking up its halves.
+#[target_feature(enable = "avx2")]
+#[inline]
+fn popcount(bytes: Register) -> Register {
+    let ones = _mm256_setr_epi8(
+        0, 1, 1, 2, 1, 2, 2, 3, 1, 2, 2, 3, 2, 3, 3, 4, //
+        0, 1, 1, 2, 1, 2, 2, 3, 1, 2, 2, 3, 2, 3, 3, 4,
+    );
+    let lower = broadcast_byte(15);
+    add_bytes(
+        _mm256_shuffle_epi8(ones, and(bytes, lower)),
+        _mm256_shuffle_epi8(ones, and(shift_right::<4>(bytes), lower)),
+    )
+}
+
+/// # Safety
+/// The slice has `lanes` bytes from `start` on; they are [`LANES`] or half as many.
+#[target_feature(enable = "avx2")]
+#[inline]
+unsafe fn load(bytes: &[u8], start: usize, lanes: usize) -> Register {
+    // SAFETY: only these lanes are read, which the caller promises.
+    unsafe {
+        let bytes = bytes.as_ptr().add(start);
+        if lanes == LANES {
+            _mm256_loadu_si256(bytes.cast())
+        } else {
+            _mm256_castsi128_si256(_mm_loadu_si128(bytes.cast()))
+        }
+    }
+}
+
+#[target_feature(enable = "avx2")]
+#[inline]
+fn store(bytes: &mut [u8], register: Register) {
+    if let Some(bytes) = bytes.first_chunk_mut::<LANES>() {
+        // SAFETY: the array has the register's 32 bytes.
+        unsafe { _mm256_storeu_si256(bytes.as_mut_ptr().cast(), register) };
+    } else if let Some(bytes) = bytes.first_chunk_mut::<{ LANES / 2 }>() {
+        let lower = _mm256_castsi256_si128(register);
+        // SAFETY: the array has the 16 bytes of half a register.
+        unsafe { _mm_storeu_si128(bytes.as_mut_ptr().cast(), lower) };
+    }
+}
