@@ -56,9 +56,9 @@ fn what_neither_clips_nor_drowns_in_noise_costs_little() {
     }
 }
 
-/// The scene begins with a blank wall, where a wrong start is carried far down.
+/// The scene begins with a blank wall: what its first lines are taken for is carried far down.
 #[test]
-fn the_first_lines_are_matched_in_their_exposure() {
+fn a_darker_camera_does_not_upset_a_blank_wall() {
     let darker = Exposure {
         gain: 0.6,
         ..Exposure::EQUAL
