@@ -5,6 +5,7 @@ pub mod camera;
 pub mod commands;
 pub mod dataset;
 pub mod disparity_files;
+pub mod exposure;
 pub mod files;
 pub mod frame;
 pub mod kernels;

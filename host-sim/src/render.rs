@@ -19,6 +19,7 @@ use rand_core::Rng;
 use rand_pcg::Pcg32;
 use rayon::prelude::*;
 
+use crate::exposure::Exposure;
 use crate::scene::{GroundTruth, Mask, Scene};
 use courtyard::{Courtyard, Side};
 
@@ -46,13 +47,8 @@ pub struct RenderOptions {
     pub seed: u64,
     /// Standard deviation of the noise of each channel, grey levels of 255, not negative.
     pub noise: f32,
-    /// Gain of the right camera; 1 is that of the left.
-    pub gain: f32,
-    /// What the right camera adds, grey levels.
-    pub offset: f32,
-    /// How much the gain of the right camera grows from its first line to its last;
-    /// [`gain`](Self::gain) holds in the middle.
-    pub gain_gradient: f32,
+    /// Exposure of the right camera; the left one's is [`Exposure::EQUAL`].
+    pub exposure: Exposure,
 }
 
 impl Default for RenderOptions {
@@ -64,18 +60,14 @@ impl Default for RenderOptions {
             d_max: 47,
             seed: 1,
             noise: 1.5,
-            gain: 1.0,
-            offset: 0.0,
-            gain_gradient: 0.0,
+            exposure: Exposure::EQUAL,
         }
     }
 }
 
 /// How one camera turns light into grey levels.
 struct Sensor {
-    gain: f64,
-    gain_gradient: f64,
-    offset: f64,
+    exposure: Exposure,
     noise: f64,
     seed: u64,
     stream: u64,
@@ -91,27 +83,24 @@ pub fn render(options: &RenderOptions) -> Scene {
     let height = options.height.clamp(SIDE_MIN_PX, SIDE_MAX_PX);
     // Half of SIDE_MAX_PX fits.
     let d_max = options.d_max.clamp(1, (width / 2) as u16);
-    let finite = |value: f32, otherwise: f64| {
-        if value.is_finite() {
-            f64::from(value)
-        } else {
-            otherwise
-        }
+    let finite = |value: f32, otherwise: f32| {
+        if value.is_finite() { value } else { otherwise }
     };
     let yard = Courtyard::new(width, height, d_max, options.seed);
-    let noise = finite(options.noise, f64::from(RenderOptions::default().noise)).max(0.0);
+    let noise = finite(options.noise, RenderOptions::default().noise).max(0.0);
     let left = Sensor {
-        gain: 1.0,
-        gain_gradient: 0.0,
-        offset: 0.0,
-        noise,
+        exposure: Exposure::EQUAL,
+        noise: f64::from(noise),
         seed: options.seed,
         stream: 0,
     };
     let right = Sensor {
-        gain: finite(options.gain, 1.0),
-        gain_gradient: finite(options.gain_gradient, 0.0),
-        offset: finite(options.offset, 0.0),
+        exposure: Exposure {
+            gain: finite(options.exposure.gain, 1.0),
+            gain_gradient: finite(options.exposure.gain_gradient, 0.0),
+            offset: finite(options.exposure.offset, 0.0),
+            offset_gradient: finite(options.exposure.offset_gradient, 0.0),
+        },
         stream: 1,
         ..left
     };
@@ -128,20 +117,20 @@ pub fn render(options: &RenderOptions) -> Scene {
 fn view(yard: &Courtyard, side: Side, sensor: &Sensor, width: u32, height: u32) -> RgbImage {
     let mut image = RgbImage::new(width, height);
     let line_bytes = width as usize * 3;
-    let last_line = f64::from(height - 1);
     image
         .par_chunks_exact_mut(line_bytes)
         .enumerate()
         .for_each(|(y, line)| {
             let y_px = y as f64;
-            let gain = sensor.gain + sensor.gain_gradient * (y_px / last_line - 0.5);
+            // Images have at most SIDE_MAX_PX lines.
+            let (gain, offset) = sensor.exposure.of_line(y as u32, height);
             // Each line has its own generator: the order of lines does not matter.
             let stream = (y as u64) << 1 | sensor.stream;
             let mut random = Pcg32::new(sensor.seed, stream);
             for (x, pixel) in line.chunks_exact_mut(3).enumerate() {
                 let light = exposed(yard, side, x as f64, y_px);
                 for (channel, light) in pixel.iter_mut().zip(light) {
-                    let mut grey = 255.0 * light.min(1.0).sqrt() * gain + sensor.offset;
+                    let mut grey = 255.0 * light.min(1.0).sqrt() * gain + offset;
                     if sensor.noise > 0.0 {
                         grey += sensor.noise * gaussian(&mut random);
                     }
@@ -289,9 +278,7 @@ mod tests {
         d_max: 31,
         seed: 7,
         noise: 0.0,
-        gain: 1.0,
-        offset: 0.0,
-        gain_gradient: 0.0,
+        exposure: Exposure::EQUAL,
     };
 
     struct Parts {
@@ -525,8 +512,11 @@ mod tests {
     fn exposure_changes_the_right_view_alone() {
         let clean = render(&CLEAN);
         let exposed = render(&RenderOptions {
-            gain: 0.8,
-            offset: 10.0,
+            exposure: Exposure {
+                gain: 0.8,
+                offset: 10.0,
+                ..Exposure::EQUAL
+            },
             ..CLEAN
         });
         assert_eq!(exposed.left, clean.left);
@@ -535,7 +525,10 @@ mod tests {
             assert!((f32::from(after) - expected).abs() <= 1.0);
         }
         let graded = render(&RenderOptions {
-            gain_gradient: 0.4,
+            exposure: Exposure {
+                gain_gradient: 0.4,
+                ..Exposure::EQUAL
+            },
             ..CLEAN
         });
         assert_eq!(graded.left, clean.left);
@@ -597,9 +590,12 @@ mod tests {
             height: 0,
             d_max: 0,
             noise: f32::NAN,
-            gain: f32::INFINITY,
-            offset: f32::NEG_INFINITY,
-            gain_gradient: f32::NAN,
+            exposure: Exposure {
+                gain: f32::INFINITY,
+                gain_gradient: f32::NAN,
+                offset: f32::NEG_INFINITY,
+                offset_gradient: f32::NAN,
+            },
             ..CLEAN
         });
         assert_eq!(nothing.left.dimensions(), (SIDE_MIN_PX, SIDE_MIN_PX));
@@ -609,8 +605,11 @@ mod tests {
             height: 200,
             d_max: u16::MAX,
             noise: f32::MAX,
-            gain: f32::MAX,
-            offset: f32::MIN,
+            exposure: Exposure {
+                gain: f32::MAX,
+                offset: f32::MIN,
+                ..Exposure::EQUAL
+            },
             ..CLEAN
         });
         assert_eq!(much.d_max, 16);

@@ -132,9 +132,17 @@ fn the_demo_writes_its_pictures_and_says_so() {
     fixture.refuses(&["--out", "left.png"], &["left.png"]);
     fixture.refuses(&["--d-max", "241"], &["--d-max", "240"]);
     fixture.refuses(&["--width", "15"], &["--width", "16"]);
-    for option in ["--noise", "--gain", "--offset"] {
+    for option in [
+        "--noise",
+        "--gain",
+        "--gain-gradient",
+        "--offset",
+        "--offset-gradient",
+    ] {
         fixture.refuses(&[option, "nan"], &[option]);
     }
+    // Black in the first line.
+    fixture.refuses(&["--gain", "1", "--gain-gradient", "2"], &["--gain"]);
 }
 
 #[test]
@@ -790,6 +798,30 @@ fn ablation_lists_the_stages_that_a_preset_has() {
         &["ablate", "set", "--preset", "paper"],
         &["paper", "no stages"],
     );
+}
+
+#[test]
+fn a_wedge_of_exposures_is_measured() {
+    let fixture = two_scenes();
+    let outcome = fixture.run(&["exposure", "set", "a", "--preset", "lite", "--json"]);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    let report: serde_json::Value = serde_json::from_str(&outcome.stdout).unwrap();
+    for (scene, name) in ["courtyard", "a"].into_iter().enumerate() {
+        let scene = &report["scenes"][scene];
+        assert_eq!(scene["scene"], name);
+        let exposures = scene["exposures"].as_array().unwrap();
+        assert_eq!(exposures[0]["gain"], serde_json::json!([1.0, 1.0]));
+        assert_eq!(exposures[0]["presets"][0]["cost"], 0.0);
+        for gain in [0.6, 1.6] {
+            let is_at =
+                |e: &&serde_json::Value| (e["gain"][0].as_f64().unwrap() - gain).abs() < 1e-6;
+            let exposure = exposures.iter().find(is_at).unwrap();
+            assert_eq!(exposure["presets"][0]["preset"], "lite");
+            assert!(exposure["presets"][0]["average"].is_f64());
+        }
+    }
+    fixture.refuses(&["exposure", "nowhere"], &["nowhere"]);
+    fixture.refuses(&["exposure", "--preset", "lite,lite"], &["lite", "twice"]);
 }
 
 /// What only one view sees is filled in, or left out when asked for.

@@ -183,9 +183,85 @@ fn draw(config: &Config) -> Vec<StoredOffset> {
     offsets
 }
 
-/// Per channel: reference, other, their squares, residuals.
-#[derive(Default, Clone, Copy)]
-struct Sums([i64; 5]);
+/// The exposure as learned so far.
+struct Exposure {
+    gain: [i64; 3],
+    offset: [i64; 3],
+    /// Whether gain and offset were ever learned.
+    converts: bool,
+    dead_zone: i32,
+    /// Matches of the lines above, and of recent ones.
+    matches: [i64; 2],
+    /// Per channel: reference, other, their squares, residuals; reference and other of
+    /// recent lines.
+    sums: [[i64; 7]; 3],
+}
+
+impl Exposure {
+    fn convert(&self, channel: usize, raw: i32) -> i32 {
+        let converted = self.gain[channel] * i64::from(raw) + self.offset[channel];
+        ((converted + 2048) >> 12).clamp(0, 255) as i32
+    }
+
+    /// Learns from a line's matches: per match the levels of both views by channel.
+    fn learn(&mut self, matches: &[Vec<(i32, i32)>], channels: usize) {
+        let inside = |level: i32| (1..255).contains(&level);
+        let told: Vec<&Vec<(i32, i32)>> = matches
+            .iter()
+            .filter(|levels| levels.iter().all(|&(own, raw)| inside(own) && inside(raw)))
+            .collect();
+        for (matches, fading) in self.matches.iter_mut().zip([16, 4]) {
+            *matches += told.len() as i64 - *matches / fading;
+        }
+        for channel in 0..channels {
+            let mut line = [0; 7];
+            for levels in &told {
+                let (own, raw) = levels[channel];
+                let residual = (own - self.convert(channel, raw)).abs();
+                let values = [own, raw, own * own, raw * raw, residual, own, raw];
+                for (sum, value) in line.iter_mut().zip(values) {
+                    *sum += i64::from(value);
+                }
+            }
+            let fading = [16, 16, 16, 16, 16, 4, 4];
+            for ((sum, line), fading) in self.sums[channel].iter_mut().zip(line).zip(fading) {
+                *sum += line - *sum / fading;
+            }
+        }
+        let [n, recent] = self.matches;
+        if recent < 64 {
+            self.dead_zone = 255;
+            return;
+        }
+        for channel in 0..channels {
+            let [
+                own,
+                raw,
+                own_squares,
+                raw_squares,
+                _,
+                recent_own,
+                recent_raw,
+            ] = self.sums[channel];
+            let deviation =
+                |sum: i64, squares: i64| ((n * squares - sum * sum).max(0) + 4 * n * n).isqrt();
+            let gain = (deviation(own, own_squares) << 12) / deviation(raw, raw_squares);
+            self.gain[channel] = gain.clamp(1024, 16384);
+            self.offset[channel] =
+                ((recent_own << 12) - self.gain[channel] * recent_raw).div_euclid(recent);
+        }
+        if self.converts {
+            let residuals: i64 = self.sums[..channels].iter().map(|sums| sums[4]).sum();
+            let mean_q4 = residuals * 16 / (n * channels as i64);
+            self.dead_zone = ((mean_q4 * 20) >> 8).min(255) as i32;
+        } else {
+            // Residuals so far were of levels not converted: begin anew.
+            self.converts = true;
+            self.matches = [0; 2];
+            self.sums = [[0; 7]; 3];
+        }
+    }
+}
 
 /// Costs, aggregation and check, line by line because the exposure is learned on the way.
 fn find(
@@ -204,18 +280,21 @@ fn find(
     let mut found = Vec::new();
     let mut confidences = Vec::new();
     let mut above: Vec<Vec<i32>> = Vec::new();
-    let (mut gain, mut offset) = ([4096_i64; 3], [0_i64; 3]);
-    let (mut dead_zone, mut matches, mut sums) = (0_i32, 0_i64, [Sums::default(); 3]);
-    for y in 0..height {
-        let known = y >= 3 && matches >= 64;
-        let weight = match i32::from(a.difference_weight_q4) {
-            weight if known => weight,
-            weight => weight.min(4),
-        };
-        let convert = |channel: usize, x: i32| -> i32 {
-            let raw = other.channels[channel][other.index(x, y)];
-            ((gain[channel] * i64::from(raw) + offset[channel] + 2048) >> 12).clamp(0, 255) as i32
-        };
+    let mut exposure = Exposure {
+        gain: [4096; 3],
+        offset: [0; 3],
+        converts: false,
+        dead_zone: 255,
+        matches: [0; 2],
+        sums: [[0; 7]; 3],
+    };
+    let weight = i32::from(a.difference_weight_q4);
+    // The first line twice: the first time only for the exposure.
+    for (y, rehearsal) in [(0, true)]
+        .into_iter()
+        .chain((0..height).map(|y| (y, false)))
+    {
+        let dead_zone = exposure.dead_zone;
         let cells = |view: &View, x: i32| -> Vec<bool> {
             let sample = |o: &StoredOffset| view.grey(x + i32::from(o[0]), y + i32::from(o[1]));
             let n = offsets.len();
@@ -244,7 +323,7 @@ fn find(
                     for channel in 0..channels {
                         let own = reference.channels[channel][reference.index(x, y)];
                         let raw = other.channels[channel][other.index(match_x, y)];
-                        let level = convert(channel, match_x);
+                        let level = exposure.convert(channel, raw);
                         let low = if raw == 0 {
                             0
                         } else {
@@ -302,8 +381,7 @@ fn find(
                 (0..count).filter(|&j| (0..width).contains(&(match_x + minimum + j as i32)));
             meeting.min_by_key(|&j| (sum(match_x + minimum + j as i32, j), j))
         };
-        let mut line_sums = [Sums::default(); 3];
-        let mut line_matches = 0;
+        let mut matches = Vec::new();
         for x in 0..width {
             let best = (0..count).min_by_key(|&j| (sum(x, j), j)).unwrap();
             let second = (0..count)
@@ -339,47 +417,21 @@ fn find(
                 0
             });
             if agrees && clear {
-                let levels: Vec<(i32, i32)> = (0..channels)
-                    .map(|c| {
-                        (
-                            reference.channels[c][reference.index(x, y)],
-                            other.channels[c][other.index(match_x, y)],
-                        )
-                    })
-                    .collect();
-                if levels
-                    .iter()
-                    .all(|&(a, b)| (1..255).contains(&a) && (1..255).contains(&b))
-                {
-                    line_matches += 1;
-                    for (channel, &(own, raw)) in levels.iter().enumerate() {
-                        let residual = (own - convert(channel, match_x)).abs();
-                        let values = [own, raw, own * own, raw * raw, residual];
-                        for (sum, value) in line_sums[channel].0.iter_mut().zip(values) {
-                            *sum += i64::from(value);
-                        }
-                    }
-                }
+                let levels = |channel: usize| {
+                    (
+                        reference.channels[channel][reference.index(x, y)],
+                        other.channels[channel][other.index(match_x, y)],
+                    )
+                };
+                matches.push((0..channels).map(levels).collect());
             }
         }
-        matches = matches - (matches >> 4) + line_matches;
-        for (sums, line) in sums.iter_mut().zip(&line_sums) {
-            for (sum, line) in sums.0.iter_mut().zip(line.0) {
-                *sum = *sum - (*sum >> 4) + line;
-            }
-        }
-        if matches >= 64 {
-            let n = matches;
-            let mut residuals = 0;
-            for channel in 0..channels {
-                let [l, r, ll, rr, residual] = sums[channel].0;
-                let deviation =
-                    |sum: i64, squares: i64| ((n * squares - sum * sum).max(0) + 4 * n * n).isqrt();
-                gain[channel] = ((deviation(l, ll) << 12) / deviation(r, rr)).clamp(1024, 16384);
-                offset[channel] = ((l << 12) - gain[channel] * r).div_euclid(n);
-                residuals += residual;
-            }
-            dead_zone = (((residuals * 16 / (n * channels as i64)) * 20) >> 8).min(255) as i32;
+        exposure.learn(&matches, channels);
+        if rehearsal {
+            exposure.learn(&matches, channels);
+            found.clear();
+            confidences.clear();
+            above.clear();
         }
     }
     (found, confidences)

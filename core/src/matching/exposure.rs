@@ -3,25 +3,42 @@
 //! Two cameras expose differently. The matches of the lines above tell by which gain and
 //! offset, channel by channel, and how far matched levels still differ. Levels of the
 //! next line of the other view are converted with them, and differ only outside a dead
-//! zone of what is usual.
+//! zone of what is usual. Until that is known, no level differs.
 
 use super::cost::MAX_CHANNELS;
 
 /// Matches that must be known before anything is concluded from them.
 const MATCHES_MIN: u32 = 64;
-/// Lines that must be known before the levels count fully.
-const LINES_MIN: u32 = 3;
+/// With every line 1/16 of the sums fades: the gain needs many levels.
+const FADING_SHIFT: u32 = 4;
+/// And 1/4 of those of recent lines: the offset needs but a mean, and makes up for a gain
+/// that changes down the frame.
+const RECENT_FADING_SHIFT: u32 = 2;
 /// Gain of 1.
 const GAIN_ONE: i32 = 1 << 12;
 
 /// Sums over matches, those of older lines less and less.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 struct Sums {
     reference: u32,
     other: u32,
     reference_squares: u64,
     other_squares: u64,
     residuals: u32,
+    recent_reference: u32,
+    recent_other: u32,
+}
+
+impl Sums {
+    const NONE: Self = Self {
+        reference: 0,
+        other: 0,
+        reference_squares: 0,
+        other_squares: 0,
+        residuals: 0,
+        recent_reference: 0,
+        recent_other: 0,
+    };
 }
 
 /// The conversion of one channel.
@@ -49,7 +66,8 @@ impl Conversion {
 pub(super) struct Exposure {
     sums: [Sums; MAX_CHANNELS],
     matches: u32,
-    lines: u32,
+    recent_matches: u32,
+    is_converting: bool,
     conversions: [Conversion; MAX_CHANNELS],
     dead_zone: u8,
 }
@@ -57,23 +75,13 @@ pub(super) struct Exposure {
 impl Exposure {
     pub(super) const fn new() -> Self {
         Self {
-            sums: [Sums {
-                reference: 0,
-                other: 0,
-                reference_squares: 0,
-                other_squares: 0,
-                residuals: 0,
-            }; MAX_CHANNELS],
+            sums: [Sums::NONE; MAX_CHANNELS],
             matches: 0,
-            lines: 0,
+            recent_matches: 0,
+            is_converting: false,
             conversions: [Conversion::IDENTITY; MAX_CHANNELS],
-            dead_zone: 0,
+            dead_zone: u8::MAX,
         }
-    }
-
-    /// Whether enough is known for levels to count fully.
-    pub(super) fn is_known(&self) -> bool {
-        self.lines >= LINES_MIN && self.matches >= MATCHES_MIN
     }
 
     /// Converts levels of the other view: less and more the dead zone.
@@ -102,13 +110,16 @@ impl Exposure {
     /// Lets the sums of the lines above fade, before the matches of a line.
     pub(super) fn begin_line(&mut self) {
         for sums in &mut self.sums {
-            sums.reference -= sums.reference >> 4;
-            sums.other -= sums.other >> 4;
-            sums.reference_squares -= sums.reference_squares >> 4;
-            sums.other_squares -= sums.other_squares >> 4;
-            sums.residuals -= sums.residuals >> 4;
+            sums.reference -= sums.reference >> FADING_SHIFT;
+            sums.other -= sums.other >> FADING_SHIFT;
+            sums.reference_squares -= sums.reference_squares >> FADING_SHIFT;
+            sums.other_squares -= sums.other_squares >> FADING_SHIFT;
+            sums.residuals -= sums.residuals >> FADING_SHIFT;
+            sums.recent_reference -= sums.recent_reference >> RECENT_FADING_SHIFT;
+            sums.recent_other -= sums.recent_other >> RECENT_FADING_SHIFT;
         }
-        self.matches -= self.matches >> 4;
+        self.matches -= self.matches >> FADING_SHIFT;
+        self.recent_matches -= self.recent_matches >> RECENT_FADING_SHIFT;
     }
 
     /// Counts a match by its levels, reference first, in the channels that `pairs` has. A
@@ -121,21 +132,25 @@ impl Exposure {
             return;
         }
         self.matches += 1;
+        self.recent_matches += 1;
         let channels = self.sums.iter_mut().zip(&self.conversions);
         for ((sums, conversion), &(reference, other)) in channels.zip(pairs) {
             sums.reference += u32::from(reference);
             sums.other += u32::from(other);
+            sums.recent_reference += u32::from(reference);
+            sums.recent_other += u32::from(other);
             sums.reference_squares += u64::from(reference) * u64::from(reference);
             sums.other_squares += u64::from(other) * u64::from(other);
             sums.residuals += u32::from(reference.abs_diff(conversion.apply(other)));
         }
     }
 
-    /// Concludes from the sums, after the matches of a line. Divisions are per line.
+    /// Concludes from the sums, after the matches of a line: the first time the conversion
+    /// alone, as residuals without one mean nothing. Divisions are per line.
     pub(super) fn end_line(&mut self, channels: usize) {
-        self.lines += 1;
         let count = self.matches;
-        if count < MATCHES_MIN {
+        if self.recent_matches < MATCHES_MIN {
+            self.dead_zone = u8::MAX;
             return;
         }
         let mut residuals = 0_u64;
@@ -150,13 +165,21 @@ impl Exposure {
             let other = deviation(sums.other, sums.other_squares);
             let gain = ((reference << 12) / other.max(1)).clamp(1 << 10, 1 << 14);
             // The gain is at most 4, levels 255: the offset is well within 32 bits.
-            let offset = ((i64::from(sums.reference) << 12) - gain as i64 * i64::from(sums.other))
-                .div_euclid(i64::from(count));
+            let offset = ((i64::from(sums.recent_reference) << 12)
+                - gain as i64 * i64::from(sums.recent_other))
+            .div_euclid(i64::from(self.recent_matches));
             *conversion = Conversion {
                 gain_q12: gain as i32,
                 offset_q12: offset as i32,
             };
             residuals += u64::from(sums.residuals);
+        }
+        if !self.is_converting {
+            self.is_converting = true;
+            self.sums = [Sums::NONE; MAX_CHANNELS];
+            self.matches = 0;
+            self.recent_matches = 0;
+            return;
         }
         let mean_q4 = residuals * 16 / (u64::from(count) * channels.max(1) as u64);
         // 1.25 times the mean: about what separates the usual from the unusual.

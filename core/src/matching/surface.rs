@@ -13,9 +13,6 @@ use crate::minchinton::{CELLS_PER_BYTE, Planes};
 use crate::strip::{Order, Strip, StripWindow};
 use crate::synapse::Synapses;
 
-/// Weight of a difference of levels while the exposure is not known, 1/16.
-const UNKNOWN_WEIGHT_Q4: u8 = 4;
-
 /// Pairs of lines in, one row of disparities out, `support.y_px` lines later; in the order
 /// in which the reference view is stored.
 #[derive(Debug)]
@@ -385,11 +382,26 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         self.sampler
             .stored
             .extend(sizes.width, sizes.front, sizes.positions);
-        self.convert_levels(line, &sizes);
-        self.compute_costs(line, &sizes);
-        self.aggregate(line, is_first, &sizes);
+        if is_first && self.parameters.difference_weight_q4 > 0 {
+            self.rehearse(line, &sizes);
+        }
+        self.match_levels_and_patterns(line, is_first, &sizes);
         self.check(line, &sizes);
         Some(line)
+    }
+
+    /// Matches the first line by its patterns alone, no exposure being known, for one to
+    /// match it in: its matches tell the conversion, and then how far levels still differ.
+    fn rehearse(&mut self, line: u32, sizes: &Sizes) {
+        self.match_levels_and_patterns(line, true, sizes);
+        self.check(line, sizes);
+        self.check(line, sizes);
+    }
+
+    fn match_levels_and_patterns(&mut self, line: u32, is_first: bool, sizes: &Sizes) {
+        self.convert_levels(line, sizes);
+        self.compute_costs(line, sizes);
+        self.aggregate(line, is_first, sizes);
     }
 
     /// The other view's levels in the reference camera's exposure, by stored position.
@@ -427,7 +439,6 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         };
         // At least one cell, rounded up.
         let kept = (u32::from(synapses) * u32::from(parameters.kept_cells_q8)).div_ceil(256);
-        let weight_q4 = parameters.difference_weight_q4;
         let levels = rows_of(channels, line);
         let mut windows = [StripWindow::NONE; MAX_CHANNELS];
         for (window, channel) in windows.iter_mut().zip(channels) {
@@ -494,11 +505,7 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
                 other_high: planes_of(self.other_high, sizes.positions),
                 channels: sizes.channels(),
                 difference_truncation: parameters.difference_truncation,
-                difference_weight_q4: if self.exposure.is_known() {
-                    weight_q4
-                } else {
-                    weight_q4.min(UNKNOWN_WEIGHT_Q4)
-                },
+                difference_weight_q4: parameters.difference_weight_q4,
             };
             if let Some(costs) = self
                 .costs

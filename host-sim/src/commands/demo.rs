@@ -15,6 +15,7 @@ use vgstereo_firmware::{Session, session};
 
 use super::{kib, milliseconds, percent, table};
 use crate::camera::SimulatedCamera;
+use crate::exposure::Exposure;
 use crate::files::{make_folder, write_png};
 use crate::kernels::HostKernels;
 use crate::metrics::BadPixels;
@@ -45,17 +46,8 @@ pub struct Demo {
     /// Standard deviation of the sensors' noise, grey levels.
     #[arg(long, value_name = "X", default_value_t = RenderOptions::default().noise)]
     noise: f32,
-    /// Gain of the right camera relative to the left.
-    #[arg(long, value_name = "X", default_value_t = 1.1)]
-    gain: f32,
-    /// Black level of the right camera relative to the left, grey levels.
-    #[arg(
-        long,
-        value_name = "X",
-        default_value_t = 4.0,
-        allow_negative_numbers = true
-    )]
-    offset: f32,
+    #[command(flatten)]
+    exposure: Exposure,
     /// How the two sensors share the wire.
     #[arg(long, value_enum, default_value_t = Wire::Separate)]
     layout: Wire,
@@ -134,8 +126,9 @@ impl Demo {
             "--noise must be a number from 0 on"
         );
         ensure!(
-            self.gain.is_finite() && self.gain > 0.0 && self.offset.is_finite(),
-            "--gain must be a number above 0, --offset any number"
+            self.exposure.is_valid(),
+            "--gain must be a number above 0 on every line, --gain-gradient, --offset and \
+             --offset-gradient any numbers"
         );
         make_folder(&self.out)?;
         let scene = render(&RenderOptions {
@@ -143,8 +136,7 @@ impl Demo {
             height: self.height,
             d_max: self.d_max,
             noise: self.noise,
-            gain: self.gain,
-            offset: self.offset,
+            exposure: self.exposure,
             ..RenderOptions::default()
         });
         let truth = scene.truth.as_ref().context("the scene has its truth")?;

@@ -106,9 +106,12 @@ pub(super) struct Prepared {
 impl Prepared {
     /// Loads a scene; in grey when asked for.
     pub(super) fn load(folder: &Path, grey: bool) -> Result<Self> {
-        let scene = load_scene(folder)?;
-        let views = views_of(&scene.left, &scene.right, grey)
-            .with_context(|| folder.display().to_string())?;
+        Self::new(load_scene(folder)?, grey).with_context(|| folder.display().to_string())
+    }
+
+    /// A scene already loaded, likewise.
+    pub(super) fn new(scene: Scene, grey: bool) -> Result<Self> {
+        let views = views_of(&scene.left, &scene.right, grey)?;
         Ok(Self { scene, views })
     }
 

@@ -17,6 +17,7 @@ use crate::views::Views;
 pub mod ablate;
 pub mod demo;
 pub mod eval;
+pub mod exposure;
 pub mod matching;
 pub mod presets_table;
 pub mod sweep;
@@ -45,6 +46,8 @@ enum Command {
     Sweep(sweep::Sweep),
     /// Measure a preset without each of its stages in turn.
     Ablate(ablate::Ablate),
+    /// Measure presets with the right camera exposed differently, on the built-in scene too.
+    Exposure(exposure::ExposureWedge),
     /// Show each preset's parameters, working memory and latency.
     Presets(presets_table::Presets),
 }
@@ -61,6 +64,7 @@ impl CommandLine {
             Some(Command::Eval(eval)) => eval.run(),
             Some(Command::Sweep(sweep)) => sweep.run(),
             Some(Command::Ablate(ablate)) => ablate.run(),
+            Some(Command::Exposure(wedge)) => wedge.run(),
             Some(Command::Presets(presets)) => presets.run(),
         }
     }

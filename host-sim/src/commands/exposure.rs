@@ -1,0 +1,237 @@
+//! `vgstereo exposure`: what a difference in exposure between the two cameras costs.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, ensure};
+use clap::Args;
+use serde::Serialize;
+use vgstereo_core::config::Method;
+use vgstereo_core::preset::Preset;
+
+use super::eval::Prepared;
+use super::{parse_preset, percent, progress_bar, table};
+use crate::dataset::{ensure_distinct, find_scenes, load_scene};
+use crate::exposure::Exposure;
+use crate::render::{RenderOptions, render};
+
+/// Arguments of `vgstereo exposure`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "The built-in scene is rendered with each exposure; of scenes in a folder the right view's\n\
+    levels are changed and clamped.\n\n\
+    Example: vgstereo exposure middlebury teddy --preset micro,balanced"
+)]
+pub struct ExposureWedge {
+    /// Folder of scenes, as for `eval`; measured after the built-in scene.
+    dir: Option<PathBuf>,
+    /// Scenes, by the name of their folder [default: all directly in DIR].
+    scenes: Vec<String>,
+    /// Presets, separated by commas [default: all that aggregate].
+    #[arg(long, value_name = "P,P", value_delimiter = ',', value_parser = parse_preset)]
+    preset: Vec<Preset>,
+    /// A pixel is bad when its disparity is further than this from the truth, px.
+    #[arg(long, value_name = "PX", default_value_t = 1.0)]
+    threshold: f32,
+    /// Match the grey of colour images.
+    #[arg(long)]
+    grey: bool,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// The right camera's exposures: gain, its gradient, offset, its gradient. Equal first.
+const WEDGE: [[f32; 4]; 17] = [
+    [1.0, 0.0, 0.0, 0.0],
+    [0.6, 0.0, 0.0, 0.0],
+    [0.8, 0.0, 0.0, 0.0],
+    [1.25, 0.0, 0.0, 0.0],
+    [1.6, 0.0, 0.0, 0.0],
+    [1.0, 0.0, -30.0, 0.0],
+    [1.0, 0.0, 30.0, 0.0],
+    [0.6, 0.0, -30.0, 0.0],
+    [0.6, 0.0, 30.0, 0.0],
+    [0.8, 0.0, 30.0, 0.0],
+    [1.25, 0.0, -30.0, 0.0],
+    [1.6, 0.0, -30.0, 0.0],
+    [1.6, 0.0, 30.0, 0.0],
+    [1.1, 1.0, 0.0, 0.0],
+    [1.1, -1.0, 0.0, 0.0],
+    [1.0, 0.0, 0.0, 60.0],
+    [1.0, 0.0, 0.0, -60.0],
+];
+
+/// What `--json` prints.
+#[derive(Debug, Serialize)]
+struct Report {
+    scenes: Vec<SceneReport>,
+}
+
+#[derive(Debug, Serialize)]
+struct SceneReport {
+    scene: String,
+    exposures: Vec<ExposureReport>,
+}
+
+#[derive(Debug, Serialize)]
+struct ExposureReport {
+    /// Of the first line and of the last.
+    gain: [f64; 2],
+    /// Likewise, grey levels.
+    offset: [f64; 2],
+    presets: Vec<PresetReport>,
+}
+
+#[derive(Debug, Serialize)]
+struct PresetReport {
+    preset: String,
+    average: Option<f64>,
+    /// More than with equal exposure, percent.
+    cost: Option<f64>,
+}
+
+impl ExposureWedge {
+    /// Measures every scene at every exposure; prints tables or JSON.
+    ///
+    /// # Errors
+    /// One line that names the file or option and the reason.
+    pub fn run(self) -> Result<String> {
+        ensure!(self.threshold > 0.0, "--threshold must be above 0");
+        let presets: Vec<Preset> = if self.preset.is_empty() {
+            let aggregates =
+                |preset: &Preset| matches!(preset.parameters().method, Method::Aggregation(_));
+            Preset::ALL.into_iter().filter(aggregates).collect()
+        } else {
+            self.preset.clone()
+        };
+        ensure_distinct("preset", &presets)?;
+        let folders = match &self.dir {
+            Some(dir) => find_scenes(dir, &self.scenes)?,
+            None => Vec::new(),
+        };
+        let steps = (1 + folders.len()) * WEDGE.len();
+        let bar = progress_bar(steps as u64, "matching");
+        let mut report = Report { scenes: Vec::new() };
+        for folder in [None].into_iter().chain(folders.iter().map(Some)) {
+            let stored = folder.map(|folder| load_scene(folder)).transpose()?;
+            let mut name = String::new();
+            let mut exposures: Vec<ExposureReport> = Vec::new();
+            for [gain, gain_gradient, offset, offset_gradient] in WEDGE {
+                let exposure = Exposure {
+                    gain,
+                    gain_gradient,
+                    offset,
+                    offset_gradient,
+                };
+                let scene = match &stored {
+                    Some(stored) => {
+                        let mut scene = stored.clone();
+                        exposure.apply(&mut scene.right);
+                        scene
+                    }
+                    None => render(&RenderOptions {
+                        exposure,
+                        ..RenderOptions::default()
+                    }),
+                };
+                let prepared = Prepared::new(scene, self.grey)?;
+                let equal = exposures.first();
+                let measured = presets.iter().enumerate().map(|(index, &preset)| {
+                    let matched = prepared.matched(preset.parameters(), 1)?;
+                    let average = prepared.measure(&matched, self.threshold, false)?.average();
+                    let before = match equal {
+                        Some(equal) => equal.presets.get(index).and_then(|p| p.average),
+                        None => average,
+                    };
+                    Ok(PresetReport {
+                        preset: preset.name().to_owned(),
+                        average,
+                        cost: average
+                            .zip(before)
+                            .map(|(average, before)| average - before),
+                    })
+                });
+                let presets = measured.collect::<Result<_>>()?;
+                let (first, last) = (exposure.of_line(0, 2), exposure.of_line(1, 2));
+                name.clone_from(&prepared.scene.name);
+                exposures.push(ExposureReport {
+                    gain: [first.0, last.0],
+                    offset: [first.1, last.1],
+                    presets,
+                });
+                bar.inc(1);
+            }
+            report.scenes.push(SceneReport {
+                scene: name,
+                exposures,
+            });
+        }
+        bar.finish_and_clear();
+        if self.json {
+            Ok(serde_json::to_string(&report)? + "\n")
+        } else {
+            Ok(results_table(&report, &presets, self.threshold))
+        }
+    }
+}
+
+fn results_table(report: &Report, presets: &[Preset], threshold_px: f32) -> String {
+    let mut header = vec!["scene", "gain", "offset"];
+    header.extend(presets.iter().flat_map(|preset| [preset.name(), "cost"]));
+    let mut table = table(&header, 3);
+    for scene in &report.scenes {
+        for exposure in &scene.exposures {
+            let mut row = vec![
+                scene.scene.clone(),
+                from_to(exposure.gain),
+                from_to(exposure.offset),
+            ];
+            for preset in &exposure.presets {
+                row.push(percent(preset.average));
+                row.push(preset.cost.map_or_else(String::new, |c| format!("{c:+.2}")));
+            }
+            table.add_row(row);
+        }
+    }
+    format!(
+        "{table}\naverage over the masks of the bad pixels in percent, further than {threshold_px} px; cost: more\n\
+         than with equal exposure; a number of the first line to that of the last\n"
+    )
+}
+
+/// A number of the first line and of the last.
+fn from_to([first, last]: [f64; 2]) -> String {
+    let number = |value: f64| format!("{}", (value * 100.0).round() / 100.0);
+    if first == last {
+        number(first)
+    } else {
+        format!("{} to {}", number(first), number(last))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_row_tells_the_exposure_and_its_cost() {
+        let report = Report {
+            scenes: vec![SceneReport {
+                scene: "yard".to_owned(),
+                exposures: vec![ExposureReport {
+                    gain: [f64::from(0.6_f32), 1.6],
+                    offset: [-30.0; 2],
+                    presets: vec![PresetReport {
+                        preset: "lite".to_owned(),
+                        average: Some(9.5),
+                        cost: Some(1.25),
+                    }],
+                }],
+            }],
+        };
+        let text = results_table(&report, &[Preset::Lite], 1.0);
+        let row = text.lines().nth(2).unwrap();
+        let cells: Vec<&str> = row.split('|').map(str::trim).collect();
+        assert_eq!(cells[1..6], ["yard", "0.6 to 1.6", "-30", "9.50", "+1.25"]);
+    }
+}

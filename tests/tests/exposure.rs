@@ -1,0 +1,68 @@
+//! Unequal cameras on the built-in scene: what the exposure learned on the way must make up for.
+
+use vgstereo_core::config::Config;
+use vgstereo_core::disparity::DisparityRange;
+use vgstereo_core::preset::Preset;
+use vgstereo_sim::exposure::Exposure;
+use vgstereo_sim::frame::match_frame;
+use vgstereo_sim::kernels::HostKernels;
+use vgstereo_sim::metrics::BadPixels;
+use vgstereo_sim::render::{RenderOptions, render};
+use vgstereo_sim::views::Views;
+
+/// Average of the bad pixels over the masks, percent.
+fn bad(preset: Preset, exposure: Exposure) -> f64 {
+    let scene = render(&RenderOptions {
+        exposure,
+        ..RenderOptions::default()
+    });
+    let views = Views::new(&scene.left, &scene.right, false).unwrap();
+    let config = Config {
+        format: views.format,
+        ..Config::new(
+            preset.parameters(),
+            views.width,
+            DisparityRange::up_to(scene.d_max),
+        )
+    };
+    let matched = match_frame(&config, &views, HostKernels::fastest(), 1).unwrap();
+    let truth = scene.truth.unwrap();
+    let bad = BadPixels::measure(&matched.disparities_q4, &truth, 1.0, false);
+    bad.average().unwrap()
+}
+
+#[test]
+fn what_neither_clips_nor_drowns_in_noise_costs_little() {
+    let exposures = [
+        ("brighter", 1.25, 0.0, 0.0, 0.0),
+        ("lower black level", 1.0, 0.0, -30.0, 0.0),
+        ("higher black level", 1.0, 0.0, 30.0, 0.0),
+        ("rising black level", 1.0, 0.0, 0.0, 60.0),
+        ("falling black level", 1.0, 0.0, 0.0, -60.0),
+        ("falling gain", 1.1, -1.0, 0.0, 0.0),
+    ];
+    for preset in [Preset::Lite, Preset::Micro] {
+        let equal = bad(preset, Exposure::EQUAL);
+        for (name, gain, gain_gradient, offset, offset_gradient) in exposures {
+            let exposure = Exposure {
+                gain,
+                gain_gradient,
+                offset,
+                offset_gradient,
+            };
+            let cost = bad(preset, exposure) - equal;
+            assert!(cost <= 0.5, "{preset}, {name}: {cost:+.2}");
+        }
+    }
+}
+
+/// The scene begins with a blank wall: what its first lines are taken for is carried far down.
+#[test]
+fn a_darker_camera_does_not_upset_a_blank_wall() {
+    let darker = Exposure {
+        gain: 0.6,
+        ..Exposure::EQUAL
+    };
+    let cost = bad(Preset::Balanced, darker) - bad(Preset::Balanced, Exposure::EQUAL);
+    assert!(cost <= 2.0, "{cost:+.2}");
+}
