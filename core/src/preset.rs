@@ -4,7 +4,8 @@ use core::fmt;
 use core::str::FromStr;
 
 use crate::config::{
-    Aggregation, Method, Parameters, Recall, RegionVoteParameters, WeightedMedianParameters,
+    Aggregation, Method, Parameters, Recall, RegionVoteParameters, SpeckleParameters,
+    WeightedMedianParameters,
 };
 use crate::matching::TieBreak;
 use crate::synapse::Support;
@@ -137,6 +138,7 @@ const AGGREGATION: Aggregation = Aggregation {
     p2_adaptation_q4: 16,
     left_right_tolerance_px: 1,
     margin: 24,
+    speckle: None,
     vote: None,
     weighted_median: None,
 };
@@ -154,6 +156,11 @@ const LITE: Parameters = Parameters {
         p2: 105,
         p2_floor: 20,
         margin: 20,
+        speckle: Some(SpeckleParameters {
+            size_min: 8,
+            step_q4: 8,
+            reach_y_px: 1,
+        }),
         ..AGGREGATION
     }),
 };
@@ -181,6 +188,7 @@ const BALANCED: Parameters = Parameters {
         p1: 14,
         p2: 100,
         margin: 30,
+        speckle: Some(SPECKLE),
         vote: Some(region_vote(6)),
         weighted_median: Some(weighted_median(16, 2)),
         ..AGGREGATION
@@ -198,10 +206,17 @@ const QUALITY: Parameters = Parameters {
         p1: 14,
         p2: 105,
         margin: 30,
+        speckle: Some(SPECKLE),
         vote: Some(region_vote(10)),
         weighted_median: Some(weighted_median(22, 3)),
         ..AGGREGATION
     }),
+};
+
+const SPECKLE: SpeckleParameters = SpeckleParameters {
+    size_min: 8,
+    step_q4: 32,
+    reach_y_px: 2,
 };
 
 const fn region_vote(reach_y_px: u8) -> RegionVoteParameters {

@@ -845,7 +845,12 @@ fn ablation_lists_the_stages_that_a_preset_has() {
     for (preset, stages, missing) in [
         (
             "lite",
-            &["nothing", "aggregation", "left-right check"][..],
+            &[
+                "nothing",
+                "aggregation",
+                "left-right check",
+                "speckle removal",
+            ][..],
             "vote",
         ),
         (

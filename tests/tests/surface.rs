@@ -6,7 +6,7 @@ use rand_pcg::Pcg32;
 use vgstereo_core::camera::PixelFormat;
 use vgstereo_core::config::{
     Aggregation, Config, ConfigError, Method, Parameters, Region, RegionVoteParameters,
-    WeightedMedianParameters,
+    SpeckleParameters, WeightedMedianParameters,
 };
 use vgstereo_core::disparity::{DisparityRange, INVALID, Reference, px_to_q4};
 use vgstereo_core::kernel::Portable;
@@ -66,7 +66,15 @@ fn aggregation() -> impl Strategy<Value = Aggregation> {
                 colour_reach,
             }
         });
+    let speckle = (0_u8..=40, 0_u8..=40, 0_u8..=3).prop_map(|(size_min, step_q4, reach_y_px)| {
+        SpeckleParameters {
+            size_min,
+            step_q4,
+            reach_y_px,
+        }
+    });
     let refinement = (
+        prop::option::of(speckle),
         prop::option::weighted(0.8, vote),
         prop::option::weighted(0.8, weighted_median),
     );
@@ -88,9 +96,9 @@ fn aggregation() -> impl Strategy<Value = Aggregation> {
                 p2_adaptation_q4: penalties.3,
                 left_right_tolerance_px: checks.0,
                 margin: checks.1,
-                vote: refinement.0,
-                weighted_median: refinement.1,
-                // Whatever else there may come.
+                speckle: refinement.0,
+                vote: refinement.1,
+                weighted_median: refinement.2,
             }
         },
     )
@@ -450,10 +458,11 @@ fn extreme_sizes_are_alike_for_all_kernels() {
 fn a_region_of_one_line_waits_for_its_latency() {
     let pair = Pair::random(40, 30, 200, 3);
     let reaches = [None, Some(0), Some(1), Some(2)];
-    for (ahead, vote, median) in [0, 1, 3]
+    for (ahead, speckle, vote, median) in [0, 1, 3]
         .into_iter()
-        .flat_map(|ahead| reaches.map(|vote| (ahead, vote)))
-        .flat_map(|(ahead, vote)| reaches.map(|median| (ahead, vote, median)))
+        .flat_map(|ahead| reaches.map(|speckle| (ahead, speckle)))
+        .flat_map(|(ahead, speckle)| reaches.map(|vote| (ahead, speckle, vote)))
+        .flat_map(|(ahead, speckle, vote)| reaches.map(|median| (ahead, speckle, vote, median)))
     {
         let full = micro();
         let parameters = Parameters {
@@ -463,6 +472,11 @@ fn a_region_of_one_line_waits_for_its_latency() {
             },
             method: Method::Aggregation(Aggregation {
                 margin: 1,
+                speckle: speckle.map(|reach_y_px| SpeckleParameters {
+                    size_min: 4,
+                    step_q4: 16,
+                    reach_y_px,
+                }),
                 vote: vote.map(|reach_y_px| RegionVoteParameters {
                     reach_y_px,
                     ..full.vote.unwrap()
@@ -493,7 +507,7 @@ fn a_region_of_one_line_waits_for_its_latency() {
             let expected = cut.stream_with_confidences(&config, Portable);
             assert!(
                 found == expected,
-                "{height} lines; reaches: synapses {ahead}, vote {vote:?}, median {median:?}"
+                "{height} lines; reaches: synapses {ahead}, speckle {speckle:?}, vote {vote:?}, median {median:?}"
             );
         }
     }

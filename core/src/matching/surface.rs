@@ -97,7 +97,11 @@ impl Sizes {
             0
         };
         let ahead = support.y_px as usize;
-        let (vote, median_x, median_y) = (
+        let (speckle, vote, median_x, median_y) = (
+            match &parameters.speckle {
+                Some(speckle) => speckle.reach_y_px as usize,
+                None => 0,
+            },
             match &parameters.vote {
                 Some(vote) => vote.reach_y_px as usize,
                 None => 0,
@@ -116,8 +120,8 @@ impl Sizes {
         let pattern_depth = max(2 * ahead + 1, ahead + 2);
         // Below a region, the first line is still there when the last is due.
         let waiting_depth = ahead + parameters.refinement_lines() as usize + 1;
-        let vote_depth = ahead + 2 * vote + 1;
-        let median_depth = ahead + vote + 1 + 2 * median_y + 1;
+        let vote_depth = ahead + speckle + 2 * vote + 1;
+        let median_depth = ahead + speckle + vote + 1 + 2 * median_y + 1;
         Self {
             width,
             stride,

@@ -37,7 +37,7 @@ pub struct Ablate {
 type Removal = (&'static str, fn(&mut Aggregation) -> bool);
 
 /// The stages in the order of the data.
-const REMOVALS: [Removal; 9] = [
+const REMOVALS: [Removal; 10] = [
     ("colour", |a| std::mem::replace(&mut a.colour, false)),
     ("masks", |a| {
         std::mem::replace(&mut a.kept_cells_q8, 256) < 256
@@ -59,6 +59,7 @@ const REMOVALS: [Removal; 9] = [
     ("ambiguity test", |a| {
         std::mem::replace(&mut a.margin, i16::MIN) > 0
     }),
+    ("speckle removal", |a| a.speckle.take().is_some()),
     ("vote", |a| a.vote.take().is_some()),
     ("weighted median", |a| a.weighted_median.take().is_some()),
 ];

@@ -75,7 +75,8 @@ pub struct Overrides {
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Any parameter by its name in that file, such as `method.p1=12`; `none` leaves a stage
-    /// out, such as `method.vote=none`. May be repeated.
+    /// out, such as `method.vote=none`; one that the preset leaves out is given whole, such as
+    /// `method.speckle={size_min=8,step_q4=32,reach_y_px=2}`. May be repeated.
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
     /// Synapses per neuron, |W|: a multiple of 16 from 16 to 1024.
