@@ -94,6 +94,9 @@ pub struct Aggregation {
     pub left_right_tolerance_px: u8,
     /// Smallest margin between the best disparity's sum and the second best's.
     pub margin: i16,
+    /// Smallest texture of a pixel: the sum of the absolute steps of grey along the line over
+    /// the reach of the synapses; 0 asks for none.
+    pub texture_min: u16,
     /// Rejection of small regions.
     pub speckle: Option<SpeckleParameters>,
     /// Vote on rejected pixels.

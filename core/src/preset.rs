@@ -138,6 +138,7 @@ const AGGREGATION: Aggregation = Aggregation {
     p2_adaptation_q4: 16,
     left_right_tolerance_px: 1,
     margin: 24,
+    texture_min: 0,
     speckle: None,
     vote: None,
     weighted_median: None,

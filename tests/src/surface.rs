@@ -336,7 +336,10 @@ fn find(
             let agrees = inside
                 && best_of_other(match_x)
                     .is_some_and(|other| other.abs_diff(best) <= a.left_right_tolerance_px.into());
-            let clear = margin >= a.margin.into();
+            let reach = i32::from(config.parameters.support.x_px);
+            let grey_step = |u: i32| reference.grey(u + 1, y).abs_diff(reference.grey(u, y));
+            let texture: u32 = (x - reach..x + reach).map(grey_step).sum();
+            let clear = margin >= a.margin.into() && texture >= a.texture_min.into();
             found.push(match (agrees, clear) {
                 (true, true) => refined,
                 (true, false) => !refined,

@@ -37,7 +37,8 @@ fn aggregation() -> impl Strategy<Value = Aggregation> {
         0_u8..=30,
     );
     let penalties = (0_u8..=30, 0_u8..=60, 0_u8..=40, 0_u8..=32);
-    let checks = (0_u8..=2, -1_i16..=30);
+    let texture_min = prop_oneof![2 => Just(0_u16), 1 => 0_u16..=1500];
+    let checks = (0_u8..=2, -1_i16..=30, texture_min);
     let vote = (
         0_u8..=25,
         0_u8..=4,
@@ -96,6 +97,7 @@ fn aggregation() -> impl Strategy<Value = Aggregation> {
                 p2_adaptation_q4: penalties.3,
                 left_right_tolerance_px: checks.0,
                 margin: checks.1,
+                texture_min: checks.2,
                 speckle: refinement.0,
                 vote: refinement.1,
                 weighted_median: refinement.2,
@@ -411,6 +413,42 @@ fn a_shifted_texture_has_its_shift() {
                     }
                 }
             }
+        }
+    }
+}
+
+/// On a blank wall between two textures, what is found is not trusted when texture is asked
+/// for, and only there.
+#[test]
+fn without_texture_nothing_is_found() {
+    let (width, height, wall) = (120_usize, 12, 40..80_usize);
+    let mut pair = Pair::random(width, height, 256, 8);
+    for line in pair.left.chunks_exact_mut(width) {
+        line[wall.clone()].fill(90);
+    }
+    pair.right.clone_from(&pair.left);
+    let parameters = Preset::Lite.parameters();
+    let Method::Aggregation(lite) = parameters.method else {
+        panic!("lite aggregates");
+    };
+    let reach = usize::from(parameters.support.x_px);
+    for texture_min in [0, 1] {
+        let method = Method::Aggregation(Aggregation {
+            margin: i16::MIN,
+            texture_min,
+            ..lite
+        });
+        let parameters = Parameters {
+            method,
+            ..parameters
+        };
+        let config = Config::new(parameters, width as u16, DisparityRange::up_to(7));
+        let map = pair.stream_with_confidences(&config, Portable);
+        for line in map.confidences.chunks_exact(width) {
+            let blank = &line[wall.start + reach..wall.end - reach];
+            assert!(blank.iter().all(|&c| (c > 0) == (texture_min == 0)));
+            let textured = [&line[8..wall.start], &line[wall.end..]].concat();
+            assert!(textured.iter().all(|&c| c > 0));
         }
     }
 }

@@ -553,6 +553,8 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
 
     /// Rejects what does not hold, and learns the exposure from what does.
     fn check(&mut self, line: u32, sizes: &Sizes) {
+        let reach = usize::from(self.config.parameters.support.x_px);
+        let grey = &self.sampler.reference;
         let check = RowCheck {
             best: self.best,
             refined_q4: self.refined_q4,
@@ -561,6 +563,10 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
             minimum_px: self.config.disparities.minimum_px,
             tolerance_px: self.parameters.left_right_tolerance_px,
             margin: self.parameters.margin,
+            // The padding of the strip is at least the support.
+            grey: grey.run(line, -(reach as isize), sizes.width + 2 * reach),
+            reach,
+            texture_min: self.parameters.texture_min,
         };
         check.write(self.found_q4, self.confidences);
         if self.parameters.difference_weight_q4 == 0 {
