@@ -304,6 +304,16 @@ impl Region {
     }
 }
 
+/// What becomes of the pixels whose disparity was not found.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
+pub enum Output {
+    /// They are filled in, with confidence 0.
+    #[default]
+    Dense,
+    /// They are [`INVALID`](crate::disparity::INVALID).
+    Sparse,
+}
+
 /// Everything a matcher is built from. The number of lines is not part of it: memory
 /// does not depend on it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -318,6 +328,9 @@ pub struct Config {
     pub reference: Reference,
     /// How the pixels of a line are stored.
     pub format: PixelFormat,
+    /// What becomes of the pixels whose disparity was not found. Of no effect on
+    /// [`Recall`], which fills nothing in.
+    pub output: Output,
     /// The part of the reference view that gets disparities. Whole lines still go in:
     /// neurons near its edge look outside.
     pub region: Region,
@@ -386,7 +399,7 @@ impl From<SynapseError> for ConfigError {
 }
 
 impl Config {
-    /// The left view as the reference, all of it.
+    /// The left view as the reference, all of it, dense.
     #[must_use]
     pub const fn new(parameters: Parameters, width: u16, disparities: DisparityRange) -> Self {
         Self {
@@ -395,6 +408,7 @@ impl Config {
             disparities,
             reference: Reference::Left,
             format: PixelFormat::Grey8,
+            output: Output::Dense,
             region: Region::whole(width),
         }
     }

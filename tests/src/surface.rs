@@ -9,7 +9,7 @@ use std::collections::HashSet;
 
 use rand_core::SeedableRng;
 use rand_pcg::Pcg32;
-use vgstereo_core::config::{Aggregation, Config, Method, SpeckleParameters};
+use vgstereo_core::config::{Aggregation, Config, Method, Output, SpeckleParameters};
 use vgstereo_core::disparity::{INVALID, Reference};
 use vgstereo_core::synapse::{StoredOffset, Synapses};
 
@@ -122,9 +122,12 @@ pub fn match_whole(pair: &Pair, config: &Config) -> (Vec<i16>, Vec<u8>) {
             }
         })
         .collect();
-    for (confidence, &q4) in confidences.iter_mut().zip(&map_q4) {
-        if q4 == INVALID {
+    for (confidence, q4) in confidences.iter_mut().zip(&mut map_q4) {
+        if *q4 == INVALID {
             *confidence = 0;
+        }
+        if *confidence == 0 && config.output == Output::Sparse {
+            *q4 = INVALID;
         }
     }
     if mirrored {

@@ -5,7 +5,7 @@ use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_core::camera::PixelFormat;
 use vgstereo_core::config::{
-    Aggregation, Config, ConfigError, Method, Parameters, Region, RegionVoteParameters,
+    Aggregation, Config, ConfigError, Method, Output, Parameters, Region, RegionVoteParameters,
     SpeckleParameters, WeightedMedianParameters,
 };
 use vgstereo_core::disparity::{DisparityRange, INVALID, Reference, px_to_q4};
@@ -175,9 +175,10 @@ fn follow(pair: &mut Pair, format: PixelFormat, range: DisparityRange, seed: u64
 fn matching() -> impl Strategy<Value = (Pair, Config)> {
     let format = prop_oneof![Just(PixelFormat::Grey8), Just(PixelFormat::Rgb888)];
     let reference = prop_oneof![Just(Reference::Left), Just(Reference::Right)];
+    let output = prop_oneof![2 => Just(Output::Dense), 1 => Just(Output::Sparse)];
     let size = (1_usize..=70, 1_usize..26, 2_u32..=256, any::<u64>());
-    (size, format, reference, parameters()).prop_flat_map(
-        |((width, height, levels, seed), format, reference, parameters)| {
+    (size, format, reference, output, parameters()).prop_flat_map(
+        |((width, height, levels, seed), format, reference, output, parameters)| {
             disparities(width).prop_map(move |disparities| {
                 let mut pair = Pair::random_in(format, width, height, levels, seed);
                 if seed % 4 > 0 {
@@ -186,6 +187,7 @@ fn matching() -> impl Strategy<Value = (Pair, Config)> {
                 let config = Config {
                     reference,
                     format,
+                    output,
                     ..Config::new(parameters, width as u16, disparities)
                 };
                 (pair, config)
@@ -228,6 +230,19 @@ proptest! {
             prop_assert_eq!(&found.disparities_q4, &expected.disparities_q4, "{}", kernels.name());
             prop_assert_eq!(&found.confidences, &expected.confidences, "{}", kernels.name());
         }
+    }
+
+    /// Sparse lines are the dense ones without what was filled in.
+    #[test]
+    fn sparse_lines_have_what_was_found((pair, config) in matching()) {
+        let [dense, sparse] = [Output::Dense, Output::Sparse].map(|output| {
+            pair.stream_with_confidences(&Config { output, ..config }, HostKernels::fastest())
+        });
+        let found = dense.disparities_q4.iter().zip(&dense.confidences);
+        let expected: Vec<i16> = found
+            .map(|(&disparity_q4, &confidence)| if confidence > 0 { disparity_q4 } else { INVALID })
+            .collect();
+        prop_assert!(sparse.disparities_q4 == expected && sparse.confidences == dense.confidences);
     }
 
     #[test]

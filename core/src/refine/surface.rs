@@ -6,7 +6,7 @@ use super::median9::Median9;
 use super::region_vote::RegionVote;
 use super::speckle::Speckle;
 use super::weighted_median::WeightedMedian;
-use crate::config::{Aggregation, Config, ConfigError};
+use crate::config::{Aggregation, Config, ConfigError, Output};
 use crate::disparity::{INVALID, Reference, STEPS_PER_PX, px_to_q4};
 use crate::kernel::Kernels;
 use crate::memory::{Arena, words};
@@ -188,7 +188,7 @@ impl<'m, K: Kernels> SurfaceRefiner<'m, K> {
         self.line_q4
     }
 
-    /// Confidences of the line last completed: 1 to 255; 0 for a disparity that was row in.
+    /// Confidences of the line last completed: 1 to 255; 0 for a disparity that was filled in.
     #[must_use]
     pub fn line_confidences(&self) -> &[u8] {
         self.line_confidences
@@ -266,6 +266,7 @@ impl<'m, K: Kernels> SurfaceRefiner<'m, K> {
                 );
             }
         }
+        let is_sparse = self.config.output == Output::Sparse;
         let minimum_q4 = px_to_q4(self.config.disparities.minimum_px);
         for (disparity_q4, confidence) in self
             .line_q4
@@ -274,6 +275,8 @@ impl<'m, K: Kernels> SurfaceRefiner<'m, K> {
         {
             if *disparity_q4 == INVALID {
                 *confidence = 0;
+            } else if is_sparse && *confidence == 0 {
+                *disparity_q4 = INVALID;
             } else {
                 *disparity_q4 += minimum_q4;
             }

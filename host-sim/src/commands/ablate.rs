@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use vgstereo_core::config::{Aggregation, Method, Parameters};
+use vgstereo_core::config::{Aggregation, Method, Output, Parameters};
 use vgstereo_core::preset::Preset;
 
 use super::eval::Prepared;
@@ -106,7 +106,7 @@ impl Ablate {
                 let mut fastest = f64::INFINITY;
                 let mut matched = None;
                 for _ in 0..REPEATS {
-                    let run = scene.matched(parameters, 1)?;
+                    let run = scene.matched(parameters, Output::Dense, 1)?;
                     fastest = fastest.min(run.time.as_secs_f64());
                     matched = Some(run);
                 }

@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use serde::Serialize;
-use vgstereo_core::config::{Config, Parameters};
+use vgstereo_core::config::{Config, Output, Parameters};
 use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::preset::Preset;
 
-use super::{Overrides, kib, parse_preset, percent, progress_bar, table, views_of};
+use super::{Overrides, kib, output_of, parse_preset, percent, progress_bar, table, views_of};
 use crate::dataset::{ensure_distinct, find_scenes, load_scene};
 use crate::files::{make_folder, write_png};
 use crate::frame::{Matched, match_frame};
@@ -154,9 +154,15 @@ impl Prepared {
     }
 
     /// Matches it.
-    pub(super) fn matched(&self, parameters: Parameters, threads: usize) -> Result<Matched> {
+    pub(super) fn matched(
+        &self,
+        parameters: Parameters,
+        output: Output,
+        threads: usize,
+    ) -> Result<Matched> {
         let config = Config {
             format: self.views.format,
+            output,
             ..Config::new(parameters, self.views.width, self.disparities())
         };
         match_frame(&config, &self.views, HostKernels::fastest(), threads)
@@ -283,10 +289,8 @@ impl Eval {
         preset: Preset,
         overrides: &Overrides,
     ) -> Result<SceneReport> {
-        let mut matched = prepared.matched(overrides.apply(preset)?, self.threads)?;
-        if self.sparse {
-            matched.make_sparse();
-        }
+        let output = output_of(self.sparse);
+        let matched = prepared.matched(overrides.apply(preset)?, output, self.threads)?;
         let bad = prepared.measure(&matched, self.threshold, self.sparse)?;
         let scene = &prepared.scene;
         let (width, height) = scene.left.dimensions();

@@ -8,7 +8,7 @@ use clap::{Args, Parser, Subcommand};
 use comfy_table::{CellAlignment, Table, presets};
 use image::RgbImage;
 use indicatif::{ProgressBar, ProgressStyle};
-use vgstereo_core::config::Parameters;
+use vgstereo_core::config::{Output, Parameters};
 use vgstereo_core::preset::Preset;
 
 use crate::parameters::{with_file, with_setting};
@@ -127,6 +127,15 @@ fn parse_preset(name: &str) -> Result<Preset, String> {
 fn views_of(left: &RgbImage, right: &RgbImage, grey: bool) -> Result<Views> {
     Views::new(left, right, grey)
         .with_context(|| format!("images are at most {} px wide", u16::MAX))
+}
+
+/// The output that `--sparse` asks for.
+fn output_of(sparse: bool) -> Output {
+    if sparse {
+        Output::Sparse
+    } else {
+        Output::Dense
+    }
 }
 
 /// A bar for long work, on standard error, and only where a person looks on.
