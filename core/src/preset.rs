@@ -172,6 +172,12 @@ const MICRO: Parameters = Parameters {
     support: Support { x_px: 10, y_px: 3 },
     seed: DEFAULT_SEED,
     method: Method::Aggregation(Aggregation {
+        // Runs of the line alone: no more line, and hardly any memory.
+        speckle: Some(SpeckleParameters {
+            size_min: 3,
+            step_q4: 32,
+            reach_y_px: 0,
+        }),
         vote: Some(region_vote(4)),
         weighted_median: Some(weighted_median(14, 2)),
         ..AGGREGATION
