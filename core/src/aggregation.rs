@@ -277,7 +277,10 @@ pub fn parabola_q4(before: i16, after: i16) -> i16 {
 
 /// Checks the matches of a row from both sides: a pixel whose match lies outside the other
 /// view, or whose match has another best disparity, is rejected; one whose margin is too
-/// small is in doubt.
+/// small, or whose surroundings have too little texture, is in doubt.
+///
+/// Texture is the sum of the absolute steps from pixel to pixel along the line, over the
+/// pixels at most `reach` away.
 #[derive(Debug, Clone, Copy)]
 pub struct RowCheck<'a> {
     /// [`AggregateRow::best`].
@@ -294,6 +297,12 @@ pub struct RowCheck<'a> {
     pub tolerance_px: u8,
     /// Smallest margin.
     pub margin: i16,
+    /// Grey of the line with `reach` more pixels at both ends.
+    pub grey: &'a [u8],
+    /// How far texture is looked for, px, at most 128.
+    pub reach: usize,
+    /// Smallest texture.
+    pub texture_min: u16,
 }
 
 impl RowCheck<'_> {
@@ -309,14 +318,15 @@ impl RowCheck<'_> {
 
     /// Writes what is found of each pixel: its disparity relative to the lowest, 1/16 px,
     /// where it holds; the complement of that (a negative number) where both views agree
-    /// but the margin is small; [`INVALID`] where they do not agree. And its confidence:
+    /// but the margin or the texture is small; [`INVALID`] where they do not agree. And its confidence:
     /// the margin in the range 1 to 255 where it holds, else 0.
     pub fn write(&self, found_q4: &mut [i16], confidences: &mut [u8]) {
         let count = self.best.len();
         let pixels = self.best.iter().zip(self.refined_q4).zip(self.margins);
         let outputs = found_q4.iter_mut().zip(confidences);
-        for (x, (((&best, &refined_q4), &margin), (found_q4, confidence))) in
-            pixels.zip(outputs).enumerate()
+        let textures = textures(self.grey, self.reach);
+        for ((x, (((&best, &refined_q4), &margin), (found_q4, confidence))), texture) in
+            pixels.zip(outputs).enumerate().zip(textures)
         {
             let other = self.other_best.get(count - 1 - x + usize::from(best));
             // The low half is the other pixel's index.
@@ -324,7 +334,7 @@ impl RowCheck<'_> {
                 (other as u16).abs_diff(best) <= u16::from(self.tolerance_px)
             });
             let agrees = agrees && self.position(x).is_some();
-            let is_clear = margin >= self.margin;
+            let is_clear = margin >= self.margin && texture >= self.texture_min;
             *found_q4 = match (agrees, is_clear) {
                 (true, true) => refined_q4,
                 (true, false) => !refined_q4,
@@ -337,6 +347,23 @@ impl RowCheck<'_> {
             };
         }
     }
+}
+
+/// The texture of each pixel, of a line with `reach` more pixels at both ends.
+fn textures(grey: &[u8], reach: usize) -> impl Iterator<Item = u16> {
+    let steps = || {
+        let pairs = grey.iter().zip(grey.iter().skip(1));
+        pairs.map(|(&a, &b)| u16::from(a.abs_diff(b)))
+    };
+    let mut entering = steps().skip(2 * reach);
+    let mut leaving = steps();
+    let first: u16 = steps().take(2 * reach).sum();
+    let pixels = grey.len().saturating_sub(2 * reach);
+    core::iter::successors(Some(first), move |texture| {
+        // What leaves is part of the sum.
+        Some(texture + entering.next().unwrap_or(0) - leaving.next().unwrap_or(0))
+    })
+    .take(pixels)
 }
 
 #[cfg(test)]

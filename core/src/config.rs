@@ -94,10 +94,28 @@ pub struct Aggregation {
     pub left_right_tolerance_px: u8,
     /// Smallest margin between the best disparity's sum and the second best's.
     pub margin: i16,
+    /// Smallest texture of a pixel: the sum of the absolute steps of grey along the line over
+    /// the reach of the synapses; 0 asks for none.
+    pub texture_min: u16,
+    /// Rejection of small regions.
+    pub speckle: Option<SpeckleParameters>,
     /// Vote on rejected pixels.
     pub vote: Option<RegionVoteParameters>,
     /// Weighted median, between two medians of 3 x 3; without it there is one.
     pub weighted_median: Option<WeightedMedianParameters>,
+}
+
+/// Parameters of [`Speckle`](crate::refine::Speckle).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct SpeckleParameters {
+    /// Regions of fewer pixels within the window are rejected.
+    pub size_min: u8,
+    /// Largest difference between neighbours of one region, 1/16 px.
+    pub step_q4: u8,
+    /// Reach of the window across lines, at most 15; as many lines of latency.
+    pub reach_y_px: u8,
 }
 
 /// Parameters of [`RegionVote`](crate::refine::RegionVote).
@@ -164,10 +182,14 @@ impl WeightedMedianParameters {
 }
 
 impl Aggregation {
-    /// Whether the windows of the vote and of the weighted median are within their
-    /// bounds, and some cells are kept.
+    /// Whether the windows of the refinement are within their bounds, and some cells are
+    /// kept.
     #[must_use]
     pub const fn windows_fit(&self) -> bool {
+        let speckle = match &self.speckle {
+            Some(speckle) => speckle.reach_y_px <= 15,
+            None => true,
+        };
         let vote = match &self.vote {
             Some(vote) => vote.reach_x_px <= 127 && vote.reach_y_px <= 15,
             None => true,
@@ -182,7 +204,7 @@ impl Aggregation {
             }
             None => true,
         };
-        vote && median && self.kept_cells_q8 > 0
+        speckle && vote && median && self.kept_cells_q8 > 0
     }
 
     /// Whether every path cost fits 8 bits: the largest matching cost and the largest
@@ -234,6 +256,10 @@ impl Aggregation {
     /// Lines of latency of what follows the aggregation.
     #[must_use]
     pub const fn refinement_lines(&self) -> u32 {
+        let speckle = match &self.speckle {
+            Some(speckle) => speckle.reach_y_px as u32,
+            None => 0,
+        };
         let vote = match &self.vote {
             Some(vote) => vote.reach_y_px as u32,
             None => 0,
@@ -242,7 +268,7 @@ impl Aggregation {
             Some(median) => median.reach_y_px as u32 + 2,
             None => 1,
         };
-        vote + medians
+        speckle + vote + medians
     }
 }
 
@@ -278,6 +304,16 @@ impl Region {
     }
 }
 
+/// What becomes of the pixels whose disparity was not found.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
+pub enum Output {
+    /// They are filled in, with confidence 0.
+    #[default]
+    Dense,
+    /// They are [`INVALID`](crate::disparity::INVALID).
+    Sparse,
+}
+
 /// Everything a matcher is built from. The number of lines is not part of it: memory
 /// does not depend on it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -292,6 +328,9 @@ pub struct Config {
     pub reference: Reference,
     /// How the pixels of a line are stored.
     pub format: PixelFormat,
+    /// What becomes of the pixels whose disparity was not found. Of no effect on
+    /// [`Recall`], which fills nothing in.
+    pub output: Output,
     /// The part of the reference view that gets disparities. Whole lines still go in:
     /// neurons near its edge look outside.
     pub region: Region,
@@ -311,7 +350,7 @@ pub enum ConfigError {
     Median,
     /// A cost and a penalty together do not fit 8 bits: see [`Aggregation::fits`].
     Costs,
-    /// The window of the vote or of the weighted median is too large, or no cell is kept.
+    /// A window of the refinement is too large, or no cell is kept.
     Windows,
     /// The disparities do not fit the width: see [`DisparityRange::fits`].
     Disparities,
@@ -334,7 +373,7 @@ impl fmt::Display for ConfigError {
                 "the largest cost and penalty must be below 255 together, the scale at most 250, P1 at most P2",
             ),
             Self::Windows => f.write_str(
-                "the vote may reach 127 px and 15 lines, the weighted median 30 px and 363 px in all, and some cells must be kept",
+                "the speckle window may reach 15 lines, the vote 127 px and 15 lines, the weighted median 30 px and 363 px in all, and some cells must be kept",
             ),
             Self::Disparities => f.write_str(
                 "the disparities must be shorter than the line and at most 2047 px long",
@@ -360,7 +399,7 @@ impl From<SynapseError> for ConfigError {
 }
 
 impl Config {
-    /// The left view as the reference, all of it.
+    /// The left view as the reference, all of it, dense.
     #[must_use]
     pub const fn new(parameters: Parameters, width: u16, disparities: DisparityRange) -> Self {
         Self {
@@ -369,6 +408,7 @@ impl Config {
             disparities,
             reference: Reference::Left,
             format: PixelFormat::Grey8,
+            output: Output::Dense,
             region: Region::whole(width),
         }
     }
@@ -397,6 +437,7 @@ impl Config {
     /// | levels of the other view | `2 c (W + D)` |
     /// | masks | `36 n` |
     /// | strips | those of the patterns; with colour, three of the reference view as deep as the last stage looks back and three of `Y + 1` lines of the other |
+    /// | speckle removal, below `k` pixels, reach `y` | `2 W (2 y + 1) + 6 k` |
     /// | region vote, reach `(x, y)` | `4 W (2 y + 1) + 6 W + 2 D` |
     /// | medians, weighted over `p` pixels of `2 y + 1` rows | `12 W + 2 (W + 2 x) (2 y + 1) + 17 p` |
     /// | rows and confidences waiting | `2 W + W (lines of refinement + 1) + 3 w` |

@@ -35,8 +35,8 @@
 //!    |                         v
 //!    |                         check        the other view's best agrees, or not
 //!    v                         v
-//!  vote among neighbours,      vote of the surface, border, fill,          (refine)
-//!  median                      medians, weighted by colour
+//!  vote among neighbours,      speckles, vote of the surface, border,      (refine)
+//!  median                      fill, medians, weighted by colour
 //!    |                         |
 //!    +---------------------------+
 //!    v

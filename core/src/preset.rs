@@ -4,7 +4,8 @@ use core::fmt;
 use core::str::FromStr;
 
 use crate::config::{
-    Aggregation, Method, Parameters, Recall, RegionVoteParameters, WeightedMedianParameters,
+    Aggregation, Method, Parameters, Recall, RegionVoteParameters, SpeckleParameters,
+    WeightedMedianParameters,
 };
 use crate::matching::TieBreak;
 use crate::synapse::Support;
@@ -137,6 +138,8 @@ const AGGREGATION: Aggregation = Aggregation {
     p2_adaptation_q4: 16,
     left_right_tolerance_px: 1,
     margin: 24,
+    texture_min: 0,
+    speckle: None,
     vote: None,
     weighted_median: None,
 };
@@ -154,6 +157,11 @@ const LITE: Parameters = Parameters {
         p2: 105,
         p2_floor: 20,
         margin: 20,
+        speckle: Some(SpeckleParameters {
+            size_min: 8,
+            step_q4: 8,
+            reach_y_px: 1,
+        }),
         ..AGGREGATION
     }),
 };
@@ -164,6 +172,12 @@ const MICRO: Parameters = Parameters {
     support: Support { x_px: 10, y_px: 3 },
     seed: DEFAULT_SEED,
     method: Method::Aggregation(Aggregation {
+        // Runs of the line alone: no more line, and hardly any memory.
+        speckle: Some(SpeckleParameters {
+            size_min: 3,
+            step_q4: 32,
+            reach_y_px: 0,
+        }),
         vote: Some(region_vote(4)),
         weighted_median: Some(weighted_median(14, 2)),
         ..AGGREGATION
@@ -181,6 +195,7 @@ const BALANCED: Parameters = Parameters {
         p1: 14,
         p2: 100,
         margin: 30,
+        speckle: Some(SPECKLE),
         vote: Some(region_vote(6)),
         weighted_median: Some(weighted_median(16, 2)),
         ..AGGREGATION
@@ -198,10 +213,17 @@ const QUALITY: Parameters = Parameters {
         p1: 14,
         p2: 105,
         margin: 30,
+        speckle: Some(SPECKLE),
         vote: Some(region_vote(10)),
         weighted_median: Some(weighted_median(22, 3)),
         ..AGGREGATION
     }),
+};
+
+const SPECKLE: SpeckleParameters = SpeckleParameters {
+    size_min: 8,
+    step_q4: 32,
+    reach_y_px: 2,
 };
 
 const fn region_vote(reach_y_px: u8) -> RegionVoteParameters {

@@ -5,7 +5,6 @@ use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 use vgstereo_core::config::{Config, ConfigError, Method, Recall, Region};
-use vgstereo_core::disparity::INVALID;
 use vgstereo_core::matcher::{Matcher, PushError};
 use vgstereo_core::matching::RowMatcher;
 use vgstereo_core::memory::Arena;
@@ -30,18 +29,6 @@ pub struct Matched {
     pub working_bytes: usize,
     /// Lines from a pair going in to its disparities coming out.
     pub latency_lines: u32,
-}
-
-impl Matched {
-    /// Leaves only the disparities that were found: those that were filled in become
-    /// [`INVALID`].
-    pub fn make_sparse(&mut self) {
-        for (disparity_q4, &confidence) in self.disparities_q4.iter_mut().zip(&self.confidences) {
-            if confidence == 0 {
-                *disparity_q4 = INVALID;
-            }
-        }
-    }
 }
 
 /// Why a frame was not matched.

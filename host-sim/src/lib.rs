@@ -12,6 +12,7 @@ pub mod kernels;
 pub mod metrics;
 pub mod parameters;
 pub mod pictures;
+pub mod published;
 pub mod render;
 pub mod scene;
 pub mod sink;

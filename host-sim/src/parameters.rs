@@ -19,7 +19,7 @@ pub fn to_toml(parameters: &Parameters) -> Result<String> {
     if let (Method::Aggregation(_), Some(Value::Table(method))) =
         (parameters.method, table.get_mut("method"))
     {
-        for stage in ["vote", "weighted_median"] {
+        for stage in ["speckle", "vote", "weighted_median"] {
             method.entry(stage).or_insert(NONE.into());
         }
     }
@@ -136,8 +136,14 @@ mod tests {
             panic!("micro aggregates");
         };
         assert_eq!(changed.vote, None);
+        let whole = "method.speckle={size_min=8,step_q4=32,reach_y_px=2}";
+        let Method::Aggregation(changed) = set(whole).unwrap().method else {
+            panic!("micro aggregates");
+        };
+        assert_eq!(changed.speckle.unwrap().size_min, 8);
         for (setting, word) in [
             ("synapses", "KEY=VALUE"),
+            ("method.speckle.size_min=8", "step_q4"),
             ("synapses=many", "TOML"),
             ("synapses=-1", "synapses=-1"),
             ("synapse=64", "synapse"),

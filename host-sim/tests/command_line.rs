@@ -603,6 +603,85 @@ fn eval_prints_tables_and_writes_pictures() {
     assert!(spread.stdout.contains("3 seeds"), "{}", spread.stdout);
 }
 
+/// The four scenes of the benchmark, by name; found but for nothing.
+fn benchmark_scenes(fixture: &Fixture, masks: &[&str]) {
+    for scene in ["tsukuba", "venus", "teddy", "cones"] {
+        let truth = GrayImage::from_pixel(WIDTH, HEIGHT, Luma([4 * SHIFT as u8]));
+        write_scene(
+            &fixture.path("v2").join(scene),
+            &truth.into(),
+            "d_max = 12\ngt_scale = 4\n",
+            masks,
+        );
+    }
+}
+
+#[test]
+fn eval_ranks_the_presets_among_published_results() {
+    let fixture = two_scenes();
+    benchmark_scenes(&fixture, &["nonocc.png", "all.png", "disc.png"]);
+    let arguments = ["eval", "v2", "--preset", "paper,lite", "--compare"];
+    let outcome = fixture.run(&[&arguments[..], &["--json"]].concat());
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    let report: serde_json::Value = serde_json::from_str(&outcome.stdout).unwrap();
+    assert_eq!(report["presets"].as_array().unwrap().len(), 2);
+    let ranked = report["comparison"].as_array().unwrap();
+    let averages: Vec<f64> = ranked
+        .iter()
+        .map(|method| method["average"].as_f64().unwrap())
+        .collect();
+    assert!(averages.is_sorted(), "{averages:?}");
+    let (published, measured): (Vec<_>, Vec<_>) = ranked
+        .iter()
+        .partition(|method| method["published"] == true);
+    assert_eq!((published.len(), measured.len()), (11, 2));
+    assert!(published.iter().all(|method| method["source"].is_string()));
+    assert_eq!(published[0]["method"], "AD-Census");
+    assert_eq!(published[0]["scenes"][2]["scene"], "teddy");
+    assert_eq!(published[0]["scenes"][2]["disc"], 10.9);
+    // A shifted texture is found, so the presets come first.
+    for (method, preset) in measured.iter().zip(&ranked[..2]) {
+        assert_eq!(method["method"], preset["method"]);
+        assert_eq!(method["scenes"].as_array().unwrap().len(), 4);
+    }
+
+    let table = fixture.run(&arguments);
+    let line_of = |words: [&str; 2]| {
+        let mut lines = table.stdout.lines();
+        let found = lines.position(|line| words.iter().all(|word| line.contains(word)));
+        found.unwrap_or_else(|| panic!("{words:?} in {}", table.stdout))
+    };
+    let order = [
+        line_of(["| lite ", "measured here"]),
+        line_of(["AD-Census", "3.97"]),
+        line_of(["SemiGlob", "7.50"]),
+        line_of(["VG-RAM", "15.00"]),
+    ];
+    assert!(order.is_sorted(), "{}", table.stdout);
+    let plain = fixture.run(&["eval", "v2", "--preset", "lite"]);
+    assert!(!plain.stdout.contains("AD-Census"), "{}", plain.stdout);
+}
+
+#[test]
+fn eval_compares_only_what_was_measured_alike() {
+    let fixture = two_scenes();
+    benchmark_scenes(&fixture, &["nonocc.png", "all.png"]);
+    fixture.refuses(&["eval", "set", "--compare"], &["--compare", "tsukuba"]);
+    fixture.refuses(
+        &["eval", "v2", "tsukuba", "venus", "teddy", "--compare"],
+        &["--compare", "cones is not"],
+    );
+    fixture.refuses(
+        &["eval", "v2", "--compare", "--threshold", "2"],
+        &["--compare", "threshold"],
+    );
+    fixture.refuses(&["eval", "v2", "--compare"], &["--compare", "disc.png"]);
+    for other in [&["--sparse"][..], &["--seeds", "1,2"]] {
+        let arguments = [&["eval", "v2", "--compare"][..], other].concat();
+        fixture.refuses(&arguments, &["--compare", other[0]]);
+    }
+}
+
 #[test]
 fn eval_measures_grey_when_asked_for() {
     let fixture = two_scenes();
@@ -774,7 +853,12 @@ fn ablation_lists_the_stages_that_a_preset_has() {
     for (preset, stages, missing) in [
         (
             "lite",
-            &["nothing", "aggregation", "left-right check"][..],
+            &[
+                "nothing",
+                "aggregation",
+                "left-right check",
+                "speckle removal",
+            ][..],
             "vote",
         ),
         (

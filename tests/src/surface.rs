@@ -5,9 +5,11 @@
 //! lanes and bisection. It shares the drawing of the offsets and the colour conversion
 //! with the core, and nothing else.
 
+use std::collections::HashSet;
+
 use rand_core::SeedableRng;
 use rand_pcg::Pcg32;
-use vgstereo_core::config::{Aggregation, Config, Method};
+use vgstereo_core::config::{Aggregation, Config, Method, Output, SpeckleParameters};
 use vgstereo_core::disparity::{INVALID, Reference};
 use vgstereo_core::synapse::{StoredOffset, Synapses};
 
@@ -68,8 +70,16 @@ pub fn match_whole(pair: &Pair, config: &Config) -> (Vec<i16>, Vec<u8>) {
             *dx = -*dx;
         }
     }
-    let (found, confidences) = find(&reference, &other, &offsets, config, &a);
+    let (found, mut confidences) = find(&reference, &other, &offsets, config, &a);
     let mut map = found;
+    if let Some(parameters) = a.speckle {
+        map = without_speckles(&map, &reference, &parameters);
+        for (confidence, &found) in confidences.iter_mut().zip(&map) {
+            if found == i32::from(INVALID) {
+                *confidence = 0;
+            }
+        }
+    }
     if let Some(parameters) = a.vote {
         let first = first_known(&map, &reference);
         for y in 0..reference.height {
@@ -112,10 +122,12 @@ pub fn match_whole(pair: &Pair, config: &Config) -> (Vec<i16>, Vec<u8>) {
             }
         })
         .collect();
-    let mut confidences = confidences;
-    for (confidence, &q4) in confidences.iter_mut().zip(&map_q4) {
-        if q4 == INVALID {
+    for (confidence, q4) in confidences.iter_mut().zip(&mut map_q4) {
+        if *q4 == INVALID {
             *confidence = 0;
+        }
+        if *confidence == 0 && config.output == Output::Sparse {
+            *q4 = INVALID;
         }
     }
     if mirrored {
@@ -405,7 +417,10 @@ fn find(
             let agrees = inside
                 && best_of_other(match_x)
                     .is_some_and(|other| other.abs_diff(best) <= a.left_right_tolerance_px.into());
-            let clear = margin >= a.margin.into();
+            let reach = i32::from(config.parameters.support.x_px);
+            let grey_step = |u: i32| reference.grey(u + 1, y).abs_diff(reference.grey(u, y));
+            let texture: u32 = (x - reach..x + reach).map(grey_step).sum();
+            let clear = margin >= a.margin.into() && texture >= a.texture_min.into();
             found.push(match (agrees, clear) {
                 (true, true) => refined,
                 (true, false) => !refined,
@@ -479,6 +494,42 @@ fn mask(view: &View, offsets: &[StoredOffset], x: i32, y: i32, a: &Aggregation) 
     let floor = i32::from(a.mask_floor) / if view.channels.len() == 1 { 3 } else { 1 };
     let threshold = sorted[kept - 1].max(floor);
     cells.iter().map(|&cell| cell <= threshold).collect()
+}
+
+/// Rejects every pixel whose region, painted within the lines of its window, is small.
+fn without_speckles(map: &[i32], view: &View, parameters: &SpeckleParameters) -> Vec<i32> {
+    let none = i32::from(INVALID);
+    // Whether a disparity holds or is in doubt, it is that disparity.
+    let disparity = |i: usize| if map[i] < 0 { !map[i] } else { map[i] };
+    let reach = i32::from(parameters.reach_y_px);
+    let mut output = map.to_vec();
+    for y in 0..view.height {
+        let lines = (y - reach).max(0)..=(y + reach).min(view.height - 1);
+        for x in 0..view.width {
+            if map[view.index(x, y)] == none {
+                continue;
+            }
+            let mut painted = HashSet::from([(x, y)]);
+            let mut front = vec![(x, y)];
+            while let Some((x, y)) = front.pop() {
+                for (u, v) in [(x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)] {
+                    let inside = (0..view.width).contains(&u) && lines.contains(&v);
+                    if inside
+                        && map[view.index(u, v)] != none
+                        && disparity(view.index(u, v)).abs_diff(disparity(view.index(x, y)))
+                            <= u32::from(parameters.step_q4)
+                        && painted.insert((u, v))
+                    {
+                        front.push((u, v));
+                    }
+                }
+            }
+            if painted.len() < usize::from(parameters.size_min) {
+                output[view.index(x, y)] = none;
+            }
+        }
+    }
+    output
 }
 
 fn first_known(map: &[i32], view: &View) -> Vec<i32> {

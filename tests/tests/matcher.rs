@@ -62,6 +62,9 @@ fn lines_ahead(parameters: &Parameters) -> u32 {
                 u32::from(recall.vote_passes) + u32::from(recall.median_reach_px)
             }
             Method::Aggregation(aggregation) => {
+                let speckle = aggregation
+                    .speckle
+                    .map_or(0, |speckle| u32::from(speckle.reach_y_px));
                 let vote = aggregation
                     .vote
                     .map_or(0, |vote| u32::from(vote.reach_y_px));
@@ -69,7 +72,7 @@ fn lines_ahead(parameters: &Parameters) -> u32 {
                 let median = aggregation
                     .weighted_median
                     .map_or(0, |median| u32::from(median.reach_y_px) + 1);
-                vote + 1 + median
+                speckle + vote + 1 + median
             }
         }
 }

@@ -6,8 +6,8 @@ use rand_pcg::Pcg32;
 use vgstereo_core::camera::{
     ErrorKind, ErrorType, Geometry, Layout, LinePair, LinePairSource, PixelFormat,
 };
-use vgstereo_core::config::{Config, Method, Region};
-use vgstereo_core::disparity::DisparityRange;
+use vgstereo_core::config::{Config, Method, Output, Region};
+use vgstereo_core::disparity::{DisparityRange, INVALID};
 use vgstereo_core::kernel::Portable;
 use vgstereo_core::matcher::{DisparityLine, Matcher};
 use vgstereo_core::preset::Preset;
@@ -368,10 +368,14 @@ fn a_session_holds_two_raw_lines() {
 #[test]
 fn an_aggregating_matcher_gets_the_cameras_own_lines() {
     let (left, right) = colours(HEIGHT);
-    for format in PixelFormat::ALL {
+    for (format, output) in PixelFormat::ALL
+        .into_iter()
+        .flat_map(|format| [(format, Output::Dense), (format, Output::Sparse)])
+    {
         let disparities = DisparityRange::up_to(6);
         let config = Config {
             format,
+            output,
             ..Config::new(Preset::Micro.parameters(), WIDTH, disparities)
         };
         let mut lines = camera(HEIGHT, Layout::Separate, format);
@@ -392,6 +396,8 @@ fn an_aggregating_matcher_gets_the_cameras_own_lines() {
             assert!(&pair.left == left.as_raw() && &pair.right == right.as_raw());
         }
         let expected = pair.stream(&config, Portable);
+        // The first columns match outside the other view.
+        assert_eq!(expected.contains(&INVALID), output == Output::Sparse);
         let fault = scripted(1, HEIGHT / 2, FaultKind::LostSync);
         let camera = FaultyCamera::new(camera(HEIGHT, Layout::SideBySide, format), [fault]);
         with_session(&config, camera, FrameCollector::new(), |mut session| {

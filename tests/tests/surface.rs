@@ -5,8 +5,8 @@ use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_core::camera::PixelFormat;
 use vgstereo_core::config::{
-    Aggregation, Config, ConfigError, Method, Parameters, Region, RegionVoteParameters,
-    WeightedMedianParameters,
+    Aggregation, Config, ConfigError, Method, Output, Parameters, Region, RegionVoteParameters,
+    SpeckleParameters, WeightedMedianParameters,
 };
 use vgstereo_core::disparity::{DisparityRange, INVALID, Reference, px_to_q4};
 use vgstereo_core::kernel::Portable;
@@ -37,7 +37,8 @@ fn aggregation() -> impl Strategy<Value = Aggregation> {
         0_u8..=30,
     );
     let penalties = (0_u8..=30, 0_u8..=60, 0_u8..=40, 0_u8..=32);
-    let checks = (0_u8..=2, -1_i16..=30);
+    let texture_min = prop_oneof![2 => Just(0_u16), 1 => 0_u16..=1500];
+    let checks = (0_u8..=2, -1_i16..=30, texture_min);
     let vote = (
         0_u8..=25,
         0_u8..=4,
@@ -66,7 +67,15 @@ fn aggregation() -> impl Strategy<Value = Aggregation> {
                 colour_reach,
             }
         });
+    let speckle = (0_u8..=40, 0_u8..=40, 0_u8..=3).prop_map(|(size_min, step_q4, reach_y_px)| {
+        SpeckleParameters {
+            size_min,
+            step_q4,
+            reach_y_px,
+        }
+    });
     let refinement = (
+        prop::option::of(speckle),
         prop::option::weighted(0.8, vote),
         prop::option::weighted(0.8, weighted_median),
     );
@@ -88,9 +97,10 @@ fn aggregation() -> impl Strategy<Value = Aggregation> {
                 p2_adaptation_q4: penalties.3,
                 left_right_tolerance_px: checks.0,
                 margin: checks.1,
-                vote: refinement.0,
-                weighted_median: refinement.1,
-                // Whatever else there may come.
+                texture_min: checks.2,
+                speckle: refinement.0,
+                vote: refinement.1,
+                weighted_median: refinement.2,
             }
         },
     )
@@ -165,9 +175,10 @@ fn follow(pair: &mut Pair, format: PixelFormat, range: DisparityRange, seed: u64
 fn matching() -> impl Strategy<Value = (Pair, Config)> {
     let format = prop_oneof![Just(PixelFormat::Grey8), Just(PixelFormat::Rgb888)];
     let reference = prop_oneof![Just(Reference::Left), Just(Reference::Right)];
+    let output = prop_oneof![2 => Just(Output::Dense), 1 => Just(Output::Sparse)];
     let size = (1_usize..=70, 1_usize..26, 2_u32..=256, any::<u64>());
-    (size, format, reference, parameters()).prop_flat_map(
-        |((width, height, levels, seed), format, reference, parameters)| {
+    (size, format, reference, output, parameters()).prop_flat_map(
+        |((width, height, levels, seed), format, reference, output, parameters)| {
             disparities(width).prop_map(move |disparities| {
                 let mut pair = Pair::random_in(format, width, height, levels, seed);
                 if seed % 4 > 0 {
@@ -176,6 +187,7 @@ fn matching() -> impl Strategy<Value = (Pair, Config)> {
                 let config = Config {
                     reference,
                     format,
+                    output,
                     ..Config::new(parameters, width as u16, disparities)
                 };
                 (pair, config)
@@ -218,6 +230,19 @@ proptest! {
             prop_assert_eq!(&found.disparities_q4, &expected.disparities_q4, "{}", kernels.name());
             prop_assert_eq!(&found.confidences, &expected.confidences, "{}", kernels.name());
         }
+    }
+
+    /// Sparse lines are the dense ones without what was filled in.
+    #[test]
+    fn sparse_lines_have_what_was_found((pair, config) in matching()) {
+        let [dense, sparse] = [Output::Dense, Output::Sparse].map(|output| {
+            pair.stream_with_confidences(&Config { output, ..config }, HostKernels::fastest())
+        });
+        let found = dense.disparities_q4.iter().zip(&dense.confidences);
+        let expected: Vec<i16> = found
+            .map(|(&disparity_q4, &confidence)| if confidence > 0 { disparity_q4 } else { INVALID })
+            .collect();
+        prop_assert!(sparse.disparities_q4 == expected && sparse.confidences == dense.confidences);
     }
 
     #[test]
@@ -407,6 +432,42 @@ fn a_shifted_texture_has_its_shift() {
     }
 }
 
+/// On a blank wall between two textures, what is found is not trusted when texture is asked
+/// for, and only there.
+#[test]
+fn without_texture_nothing_is_found() {
+    let (width, height, wall) = (120_usize, 12, 40..80_usize);
+    let mut pair = Pair::random(width, height, 256, 8);
+    for line in pair.left.chunks_exact_mut(width) {
+        line[wall.clone()].fill(90);
+    }
+    pair.right.clone_from(&pair.left);
+    let parameters = Preset::Lite.parameters();
+    let Method::Aggregation(lite) = parameters.method else {
+        panic!("lite aggregates");
+    };
+    let reach = usize::from(parameters.support.x_px);
+    for texture_min in [0, 1] {
+        let method = Method::Aggregation(Aggregation {
+            margin: i16::MIN,
+            texture_min,
+            ..lite
+        });
+        let parameters = Parameters {
+            method,
+            ..parameters
+        };
+        let config = Config::new(parameters, width as u16, DisparityRange::up_to(7));
+        let map = pair.stream_with_confidences(&config, Portable);
+        for line in map.confidences.chunks_exact(width) {
+            let blank = &line[wall.start + reach..wall.end - reach];
+            assert!(blank.iter().all(|&c| (c > 0) == (texture_min == 0)));
+            let textured = [&line[8..wall.start], &line[wall.end..]].concat();
+            assert!(textured.iter().all(|&c| c > 0));
+        }
+    }
+}
+
 /// The sizes where mistakes hide, by name rather than by chance.
 #[test]
 fn extreme_sizes_are_alike_for_all_kernels() {
@@ -450,10 +511,11 @@ fn extreme_sizes_are_alike_for_all_kernels() {
 fn a_region_of_one_line_waits_for_its_latency() {
     let pair = Pair::random(40, 30, 200, 3);
     let reaches = [None, Some(0), Some(1), Some(2)];
-    for (ahead, vote, median) in [0, 1, 3]
+    for (ahead, speckle, vote, median) in [0, 1, 3]
         .into_iter()
-        .flat_map(|ahead| reaches.map(|vote| (ahead, vote)))
-        .flat_map(|(ahead, vote)| reaches.map(|median| (ahead, vote, median)))
+        .flat_map(|ahead| reaches.map(|speckle| (ahead, speckle)))
+        .flat_map(|(ahead, speckle)| reaches.map(|vote| (ahead, speckle, vote)))
+        .flat_map(|(ahead, speckle, vote)| reaches.map(|median| (ahead, speckle, vote, median)))
     {
         let full = micro();
         let parameters = Parameters {
@@ -463,6 +525,11 @@ fn a_region_of_one_line_waits_for_its_latency() {
             },
             method: Method::Aggregation(Aggregation {
                 margin: 1,
+                speckle: speckle.map(|reach_y_px| SpeckleParameters {
+                    size_min: 4,
+                    step_q4: 16,
+                    reach_y_px,
+                }),
                 vote: vote.map(|reach_y_px| RegionVoteParameters {
                     reach_y_px,
                     ..full.vote.unwrap()
@@ -493,7 +560,7 @@ fn a_region_of_one_line_waits_for_its_latency() {
             let expected = cut.stream_with_confidences(&config, Portable);
             assert!(
                 found == expected,
-                "{height} lines; reaches: synapses {ahead}, vote {vote:?}, median {median:?}"
+                "{height} lines; reaches: synapses {ahead}, speckle {speckle:?}, vote {vote:?}, median {median:?}"
             );
         }
     }

@@ -94,7 +94,11 @@ impl Sizes {
             0
         };
         let ahead = support.y_px as usize;
-        let (vote, median_x, median_y) = (
+        let (speckle, vote, median_x, median_y) = (
+            match &parameters.speckle {
+                Some(speckle) => speckle.reach_y_px as usize,
+                None => 0,
+            },
             match &parameters.vote {
                 Some(vote) => vote.reach_y_px as usize,
                 None => 0,
@@ -113,8 +117,8 @@ impl Sizes {
         let pattern_depth = max(2 * ahead + 1, ahead + 2);
         // Below a region, the first line is still there when the last is due.
         let waiting_depth = ahead + parameters.refinement_lines() as usize + 1;
-        let vote_depth = ahead + 2 * vote + 1;
-        let median_depth = ahead + vote + 1 + 2 * median_y + 1;
+        let vote_depth = ahead + speckle + 2 * vote + 1;
+        let median_depth = ahead + speckle + vote + 1 + 2 * median_y + 1;
         Self {
             width,
             stride,
@@ -556,6 +560,8 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
 
     /// Rejects what does not hold, and learns the exposure from what does.
     fn check(&mut self, line: u32, sizes: &Sizes) {
+        let reach = usize::from(self.config.parameters.support.x_px);
+        let grey = &self.sampler.reference;
         let check = RowCheck {
             best: self.best,
             refined_q4: self.refined_q4,
@@ -564,6 +570,10 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
             minimum_px: self.config.disparities.minimum_px,
             tolerance_px: self.parameters.left_right_tolerance_px,
             margin: self.parameters.margin,
+            // The padding of the strip is at least the support.
+            grey: grey.run(line, -(reach as isize), sizes.width + 2 * reach),
+            reach,
+            texture_min: self.parameters.texture_min,
         };
         check.write(self.found_q4, self.confidences);
         if self.parameters.difference_weight_q4 == 0 {

@@ -1,11 +1,12 @@
-//! Refinement of checked rows: vote, fill, and medians, over a short strip.
+//! Refinement of checked rows: speckles, vote, fill, and medians, over a short strip.
 
 use super::border::Border;
 use super::fill::fill_row;
 use super::median9::Median9;
 use super::region_vote::RegionVote;
+use super::speckle::Speckle;
 use super::weighted_median::WeightedMedian;
-use crate::config::{Aggregation, Config, ConfigError};
+use crate::config::{Aggregation, Config, ConfigError, Output};
 use crate::disparity::{INVALID, Reference, STEPS_PER_PX, px_to_q4};
 use crate::kernel::Kernels;
 use crate::memory::{Arena, words};
@@ -14,6 +15,7 @@ use crate::strip::Strip;
 /// The stages after the check, one after another.
 #[derive(Debug)]
 pub struct SurfaceRefiner<'m, K> {
+    speckle: Option<Speckle<'m>>,
     vote: Option<RegionVote<'m, K>>,
     border: Border,
     row: &'m mut [i16],
@@ -39,6 +41,9 @@ impl SurfaceRefiner<'_, ()> {
             + words(width * (parameters.refinement_lines() as usize + 1), 1)
             + words(columns, size_of::<i16>())
             + words(columns, 1);
+        if let Some(speckle) = parameters.speckle {
+            total += Speckle::memory_words(width, speckle);
+        }
         if let Some(vote) = parameters.vote {
             total += RegionVote::memory_words(width, config.disparities, vote);
         }
@@ -64,6 +69,10 @@ impl<'m, K: Kernels> SurfaceRefiner<'m, K> {
         let width = usize::from(config.width);
         let columns = usize::from(config.region.width);
         let latency = parameters.refinement_lines();
+        let speckle = match parameters.speckle {
+            Some(speckle) => Some(Speckle::new(width, speckle, arena)?),
+            None => None,
+        };
         let vote = match parameters.vote {
             Some(vote) => Some(RegionVote::new(
                 width,
@@ -82,6 +91,7 @@ impl<'m, K: Kernels> SurfaceRefiner<'m, K> {
             None => None,
         };
         Ok(Self {
+            speckle,
             vote,
             border: Border::default(),
             row: arena.take(width)?,
@@ -99,6 +109,9 @@ impl<'m, K: Kernels> SurfaceRefiner<'m, K> {
 
     /// Forgets the frame.
     pub fn reset(&mut self) {
+        if let Some(speckle) = &mut self.speckle {
+            speckle.reset();
+        }
         if let Some(vote) = &mut self.vote {
             vote.reset();
         }
@@ -123,25 +136,28 @@ impl<'m, K: Kernels> SurfaceRefiner<'m, K> {
             kept.copy_from_slice(confidences);
         }
         self.rows_in += 1;
-        let complete = match &mut self.vote {
-            Some(vote) => {
-                vote.push(found_q4, channels, self.config.region.y) && {
-                    self.row.copy_from_slice(vote.row());
-                    self.fill_and_smooth(channels)
-                }
-            }
-            None => {
-                self.row.copy_from_slice(found_q4);
-                self.fill_and_smooth(channels)
-            }
-        };
-        complete && self.write_line()
+        self.row.copy_from_slice(found_q4);
+        if let Some(speckle) = &mut self.speckle {
+            let Some(row) = speckle.push(self.row) else {
+                return false;
+            };
+            self.reject(row);
+        }
+        self.vote(channels) && self.write_line()
     }
 
     /// After the last row: completes the next of the lines still to come; false when
     /// there are no more.
     pub fn flush(&mut self, channels: &[Strip<'_>]) -> bool {
         let first_line = self.config.region.y;
+        while let Some(speckle) = &mut self.speckle
+            && let Some(row) = speckle.flush(self.row)
+        {
+            self.reject(row);
+            if self.vote(channels) {
+                return self.write_line();
+            }
+        }
         while let Some(vote) = &mut self.vote
             && vote.flush(channels, first_line)
         {
@@ -172,10 +188,32 @@ impl<'m, K: Kernels> SurfaceRefiner<'m, K> {
         self.line_q4
     }
 
-    /// Confidences of the line last completed: 1 to 255; 0 for a disparity that was row in.
+    /// Confidences of the line last completed: 1 to 255; 0 for a disparity that was filled in.
     #[must_use]
     pub fn line_confidences(&self) -> &[u8] {
         self.line_confidences
+    }
+
+    /// Takes the confidence from the speckles of a row, which is the present one.
+    fn reject(&mut self, row: u32) {
+        let kept = self.confidence_row(row);
+        let confidences = self.confidences.get_mut(kept).unwrap_or_default();
+        for (confidence, &found) in confidences.iter_mut().zip(&*self.row) {
+            if found == INVALID {
+                *confidence = 0;
+            }
+        }
+    }
+
+    /// The stages from the vote on, on the present row.
+    fn vote(&mut self, channels: &[Strip<'_>]) -> bool {
+        if let Some(vote) = &mut self.vote {
+            if !vote.push(self.row, channels, self.config.region.y) {
+                return false;
+            }
+            self.row.copy_from_slice(vote.row());
+        }
+        self.fill_and_smooth(channels)
     }
 
     fn fill_and_smooth(&mut self, channels: &[Strip<'_>]) -> bool {
@@ -228,6 +266,7 @@ impl<'m, K: Kernels> SurfaceRefiner<'m, K> {
                 );
             }
         }
+        let is_sparse = self.config.output == Output::Sparse;
         let minimum_q4 = px_to_q4(self.config.disparities.minimum_px);
         for (disparity_q4, confidence) in self
             .line_q4
@@ -236,6 +275,8 @@ impl<'m, K: Kernels> SurfaceRefiner<'m, K> {
         {
             if *disparity_q4 == INVALID {
                 *confidence = 0;
+            } else if is_sparse && *confidence == 0 {
+                *disparity_q4 = INVALID;
             } else {
                 *disparity_q4 += minimum_q4;
             }

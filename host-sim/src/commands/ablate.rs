@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use vgstereo_core::config::{Aggregation, Method, Parameters};
+use vgstereo_core::config::{Aggregation, Method, Output, Parameters};
 use vgstereo_core::preset::Preset;
 
 use super::eval::Prepared;
@@ -37,7 +37,7 @@ pub struct Ablate {
 type Removal = (&'static str, fn(&mut Aggregation) -> bool);
 
 /// The stages in the order of the data.
-const REMOVALS: [Removal; 9] = [
+const REMOVALS: [Removal; 10] = [
     ("colour", |a| std::mem::replace(&mut a.colour, false)),
     ("masks", |a| {
         std::mem::replace(&mut a.kept_cells_q8, 256) < 256
@@ -59,6 +59,7 @@ const REMOVALS: [Removal; 9] = [
     ("ambiguity test", |a| {
         std::mem::replace(&mut a.margin, i16::MIN) > 0
     }),
+    ("speckle removal", |a| a.speckle.take().is_some()),
     ("vote", |a| a.vote.take().is_some()),
     ("weighted median", |a| a.weighted_median.take().is_some()),
 ];
@@ -105,7 +106,7 @@ impl Ablate {
                 let mut fastest = f64::INFINITY;
                 let mut matched = None;
                 for _ in 0..REPEATS {
-                    let run = scene.matched(parameters, 1)?;
+                    let run = scene.matched(parameters, Output::Dense, 1)?;
                     fastest = fastest.min(run.time.as_secs_f64());
                     matched = Some(run);
                 }

@@ -5,34 +5,27 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use serde::Serialize;
-use vgstereo_core::config::{Config, Parameters};
+use vgstereo_core::config::{Config, Output, Parameters};
 use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::preset::Preset;
 
-use super::{Overrides, kib, parse_preset, percent, progress_bar, table, views_of};
+use super::{Overrides, kib, output_of, parse_preset, percent, progress_bar, table, views_of};
 use crate::dataset::{ensure_distinct, find_scenes, load_scene};
 use crate::files::{make_folder, write_png};
 use crate::frame::{Matched, match_frame};
 use crate::kernels::HostKernels;
 use crate::metrics::{BadPixels, mean};
 use crate::pictures::{colour_disparities, error_map};
+use crate::published::{self, METHODS, PAPER, SCENES};
 use crate::scene::Scene;
 use crate::views::Views;
-
-/// The paper's results (its Table 2): nonocc, all, disc in percent.
-const PUBLISHED: [(&str, [f64; 3]); 4] = [
-    ("tsukuba", [9.18, 10.7, 20.3]),
-    ("venus", [7.91, 8.88, 22.2]),
-    ("teddy", [13.6, 22.4, 28.6]),
-    ("cones", [6.12, 14.7, 15.8]),
-];
 
 /// Arguments of `vgstereo eval`.
 #[derive(Debug, Args)]
 #[command(
     after_help = "DIR holds one folder per scene: left.png, right.png, gt_left.png, meta.toml (d_max, gt_scale),\n\
     and the masks nonocc.png, all.png, disc.png where there are.\n\n\
-    Example: vgstereo eval middlebury tsukuba venus teddy cones --preset paper-raw,paper"
+    Example: vgstereo eval middlebury tsukuba venus teddy cones --preset paper-raw,paper --compare"
 )]
 pub struct Eval {
     /// Folder of scenes.
@@ -55,6 +48,10 @@ pub struct Eval {
     /// the share of pixels without one.
     #[arg(long)]
     sparse: bool,
+    /// Also rank the presets among published results on Middlebury v2: tsukuba, venus, teddy
+    /// and cones must be among the scenes, with their masks.
+    #[arg(long, conflicts_with_all = ["seeds", "sparse"])]
+    compare: bool,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -72,6 +69,9 @@ pub struct Eval {
 #[derive(Debug, Serialize)]
 struct Report {
     presets: Vec<PresetReport>,
+    /// Presets and published methods on the scenes of Middlebury v2, best first.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    comparison: Option<Vec<Ranked>>,
 }
 
 #[derive(Debug, Serialize)]
@@ -97,6 +97,39 @@ struct SceneReport {
     latency_lines: u32,
 }
 
+/// A preset or a published method on the scenes of Middlebury v2.
+#[derive(Debug, Serialize)]
+struct Ranked {
+    method: String,
+    /// Not measured here.
+    published: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    source: Option<&'static str>,
+    average: f64,
+    scenes: Vec<RankedScene>,
+}
+
+#[derive(Debug, Serialize)]
+struct RankedScene {
+    scene: &'static str,
+    nonocc: f64,
+    all: f64,
+    disc: f64,
+    average: f64,
+}
+
+impl RankedScene {
+    fn new(scene: &'static str, [nonocc, all, disc]: [f64; 3]) -> Self {
+        Self {
+            scene,
+            nonocc,
+            all,
+            disc,
+            average: (nonocc + all + disc) / 3.0,
+        }
+    }
+}
+
 /// A scene ready to be matched.
 pub(super) struct Prepared {
     pub(super) scene: Scene,
@@ -115,10 +148,24 @@ impl Prepared {
         Ok(Self { scene, views })
     }
 
+    /// Whether there is a mask for each of the benchmark's figures.
+    fn has_all_masks(&self) -> bool {
+        let truth = self.scene.truth.as_ref();
+        truth.is_some_and(|truth| {
+            truth.nonocc.is_some() && truth.all.is_some() && truth.disc.is_some()
+        })
+    }
+
     /// Matches it.
-    pub(super) fn matched(&self, parameters: Parameters, threads: usize) -> Result<Matched> {
+    pub(super) fn matched(
+        &self,
+        parameters: Parameters,
+        output: Output,
+        threads: usize,
+    ) -> Result<Matched> {
         let config = Config {
             format: self.views.format,
+            output,
             ..Config::new(parameters, self.views.width, self.disparities())
         };
         match_frame(&config, &self.views, HostKernels::fastest(), threads)
@@ -162,6 +209,7 @@ impl Eval {
         ensure_distinct("preset", &presets)?;
         ensure_distinct("seed", &self.seeds)?;
         let folders = find_scenes(&self.dir, &self.scenes)?;
+        self.ensure_comparable(&folders)?;
         if let Some(out) = &self.out {
             make_folder(out)?;
         }
@@ -175,6 +223,11 @@ impl Eval {
         let mut reports: Vec<Vec<SceneReport>> = (0..runs).map(|_| Vec::new()).collect();
         for folder in &folders {
             let prepared = Prepared::load(folder, self.grey)?;
+            ensure!(
+                !self.compare || !is_of_v2(folder) || prepared.has_all_masks(),
+                "--compare needs nonocc.png, all.png and disc.png: {} has not all of them",
+                folder.display()
+            );
             let runs = seeds
                 .iter()
                 .flat_map(|seed| presets.iter().map(move |p| (seed, p)));
@@ -191,16 +244,18 @@ impl Eval {
         let mut by_seed: Vec<Report> = Vec::new();
         let mut reports = reports.into_iter();
         for _ in &seeds {
+            let presets: Vec<PresetReport> = presets
+                .iter()
+                .zip(&mut reports)
+                .map(|(preset, scenes)| PresetReport {
+                    preset: preset.name().to_owned(),
+                    average: mean(scenes.iter().filter_map(|scene| scene.average)),
+                    scenes,
+                })
+                .collect();
             by_seed.push(Report {
-                presets: presets
-                    .iter()
-                    .zip(&mut reports)
-                    .map(|(preset, scenes)| PresetReport {
-                        preset: preset.name().to_owned(),
-                        average: mean(scenes.iter().filter_map(|scene| scene.average)),
-                        scenes,
-                    })
-                    .collect(),
+                comparison: self.compare.then(|| compare(&presets)),
+                presets,
             });
         }
         match by_seed.as_slice() {
@@ -210,16 +265,35 @@ impl Eval {
         }
     }
 
+    /// Refuses to compare what was not measured as the published figures were.
+    fn ensure_comparable(&self, folders: &[PathBuf]) -> Result<()> {
+        if !self.compare {
+            return Ok(());
+        }
+        ensure!(
+            self.threshold == published::THRESHOLD_PX,
+            "--compare: the published figures are for a threshold of {} px, not {}",
+            published::THRESHOLD_PX,
+            self.threshold
+        );
+        for scene in SCENES {
+            ensure!(
+                folders.iter().any(|folder| folder.ends_with(scene)),
+                "--compare: the published figures are for {}; {scene} is not among the scenes",
+                SCENES.join(", ")
+            );
+        }
+        Ok(())
+    }
+
     fn measure(
         &self,
         prepared: &Prepared,
         preset: Preset,
         overrides: &Overrides,
     ) -> Result<SceneReport> {
-        let mut matched = prepared.matched(overrides.apply(preset)?, self.threads)?;
-        if self.sparse {
-            matched.make_sparse();
-        }
+        let output = output_of(self.sparse);
+        let matched = prepared.matched(overrides.apply(preset)?, output, self.threads)?;
         let bad = prepared.measure(&matched, self.threshold, self.sparse)?;
         let scene = &prepared.scene;
         let (width, height) = scene.left.dimensions();
@@ -278,19 +352,19 @@ impl Eval {
             .presets
             .first()
             .map_or(&[][..], |preset| &preset.scenes);
-        let published: Vec<_> = PUBLISHED
+        let published: Vec<_> = SCENES
             .iter()
-            .filter(|(name, _)| measured.iter().any(|scene| scene.scene == *name))
+            .zip(PAPER.bad_percent)
+            .filter(|(name, _)| measured.iter().any(|scene| scene.scene == **name))
             .collect();
         for (name, masks) in &published {
-            let mut row = vec!["published".to_owned(), (*name).to_owned()];
+            let mut row = vec!["published".to_owned(), (**name).to_owned()];
             row.extend(masks.iter().map(|&value| percent(Some(value))));
             row.push(percent(mean(masks.iter().copied())));
             table.add_row(row);
         }
-        if published.len() == PUBLISHED.len() {
-            let average = mean(PUBLISHED.iter().flat_map(|(_, masks)| *masks));
-            table.add_row(average_row("published", "average", average));
+        if published.len() == SCENES.len() {
+            table.add_row(average_row("published", "average", PAPER.mean()));
         }
         let among = if self.sparse {
             ", of the disparities found"
@@ -302,8 +376,12 @@ impl Eval {
         } else {
             "; published: the paper's own figures"
         };
+        let comparison = report
+            .comparison
+            .as_deref()
+            .map_or_else(String::new, comparison_table);
         format!(
-            "{table}\nbad pixels in percent, further than {} px from the truth{among}{note}\n",
+            "{table}\nbad pixels in percent, further than {} px from the truth{among}{note}\n{comparison}",
             self.threshold
         )
     }
@@ -338,6 +416,69 @@ impl Eval {
             by_seed.len()
         )
     }
+}
+
+/// Whether a folder is that of a scene of Middlebury v2.
+fn is_of_v2(folder: &Path) -> bool {
+    SCENES.iter().any(|scene| folder.ends_with(scene))
+}
+
+/// Presets that were measured on all scenes of Middlebury v2 among published methods.
+fn compare(presets: &[PresetReport]) -> Vec<Ranked> {
+    let measured = presets.iter().filter_map(|preset| {
+        let scenes = SCENES.iter().map(|&name| {
+            let scene = preset.scenes.iter().find(|scene| scene.scene == name)?;
+            Some(RankedScene::new(
+                name,
+                [scene.nonocc?, scene.all?, scene.disc?],
+            ))
+        });
+        let scenes = scenes.collect::<Option<Vec<_>>>()?;
+        Some(Ranked {
+            method: preset.preset.clone(),
+            published: false,
+            source: None,
+            average: mean(scenes.iter().map(|scene| scene.average))?,
+            scenes,
+        })
+    });
+    let published = METHODS.iter().map(|method| Ranked {
+        method: method.method.to_owned(),
+        published: true,
+        source: Some(method.source),
+        average: method.average,
+        scenes: SCENES
+            .iter()
+            .zip(method.bad_percent)
+            .map(|(&name, masks)| RankedScene::new(name, masks))
+            .collect(),
+    });
+    let mut ranked: Vec<Ranked> = measured.chain(published).collect();
+    ranked.sort_by(|a, b| a.average.total_cmp(&b.average));
+    ranked
+}
+
+fn comparison_table(comparison: &[Ranked]) -> String {
+    let mut header = vec!["method", "source"];
+    header.extend(SCENES);
+    header.push("average");
+    let mut table = table(&header, 2);
+    for method in comparison {
+        let mut row = vec![
+            method.method.clone(),
+            method.source.unwrap_or("measured here").to_owned(),
+        ];
+        let averages = method.scenes.iter().map(|scene| scene.average);
+        row.extend(
+            averages
+                .chain([method.average])
+                .map(|value| percent(Some(value))),
+        );
+        table.add_row(row);
+    }
+    format!(
+        "\n{table}\naverages over nonocc, all and disc; those with a source are published figures\n"
+    )
 }
 
 fn average_row(preset: &str, scene: &str, average: Option<f64>) -> Vec<String> {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Result, ensure};
 use clap::Args;
 use serde::Serialize;
-use vgstereo_core::config::Method;
+use vgstereo_core::config::{Method, Output};
 use vgstereo_core::preset::Preset;
 
 use super::eval::Prepared;
@@ -137,7 +137,7 @@ impl ExposureWedge {
                 let prepared = Prepared::new(scene, self.grey)?;
                 let equal = exposures.first();
                 let measured = presets.iter().enumerate().map(|(index, &preset)| {
-                    let matched = prepared.matched(preset.parameters(), 1)?;
+                    let matched = prepared.matched(preset.parameters(), Output::Dense, 1)?;
                     let average = prepared.measure(&matched, self.threshold, false)?.average();
                     let before = match equal {
                         Some(equal) => equal.presets.get(index).and_then(|p| p.average),

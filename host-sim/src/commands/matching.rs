@@ -10,7 +10,7 @@ use vgstereo_core::config::Config;
 use vgstereo_core::disparity::{DisparityRange, Reference};
 use vgstereo_core::preset::Preset;
 
-use super::{Overrides, kib, milliseconds, parse_preset, views_of};
+use super::{Overrides, kib, milliseconds, output_of, parse_preset, views_of};
 use crate::disparity_files::DisparityFormat;
 use crate::files::{encode, read_image, write_files};
 use crate::frame::match_frame;
@@ -119,12 +119,10 @@ impl Match {
                 View::Right => Reference::Right,
             },
             format: views.format,
+            output: output_of(self.sparse),
             ..Config::new(self.overrides.apply(self.preset)?, width, disparities)
         };
-        let mut matched = match_frame(&config, &views, HostKernels::fastest(), self.threads)?;
-        if self.sparse {
-            matched.make_sparse();
-        }
+        let matched = match_frame(&config, &views, HostKernels::fastest(), self.threads)?;
         let map = &matched.disparities_q4;
         let mut files = vec![(self.out.as_path(), format.encode(map, width.into())?)];
         if let Some(path) = &self.color {

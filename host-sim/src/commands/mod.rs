@@ -8,7 +8,7 @@ use clap::{Args, Parser, Subcommand};
 use comfy_table::{CellAlignment, Table, presets};
 use image::RgbImage;
 use indicatif::{ProgressBar, ProgressStyle};
-use vgstereo_core::config::Parameters;
+use vgstereo_core::config::{Output, Parameters};
 use vgstereo_core::preset::Preset;
 
 use crate::parameters::{with_file, with_setting};
@@ -79,7 +79,8 @@ pub struct Overrides {
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Any parameter by its name in that file, such as `method.p1=12`; `none` leaves a stage
-    /// out, such as `method.vote=none`. May be repeated.
+    /// out, such as `method.vote=none`; one that the preset leaves out is given whole, such as
+    /// `method.speckle={size_min=8,step_q4=32,reach_y_px=2}`. May be repeated.
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
     /// Synapses per neuron, |W|: a multiple of 16 from 16 to 1024.
@@ -130,6 +131,15 @@ fn parse_preset(name: &str) -> Result<Preset, String> {
 fn views_of(left: &RgbImage, right: &RgbImage, grey: bool) -> Result<Views> {
     Views::new(left, right, grey)
         .with_context(|| format!("images are at most {} px wide", u16::MAX))
+}
+
+/// The output that `--sparse` asks for.
+fn output_of(sparse: bool) -> Output {
+    if sparse {
+        Output::Sparse
+    } else {
+        Output::Dense
+    }
 }
 
 /// A bar for long work, on standard error, and only where a person looks on.

@@ -7,6 +7,7 @@ use clap::Args;
 use plotters::prelude::*;
 use rayon::prelude::*;
 use serde::Serialize;
+use vgstereo_core::config::Output;
 use vgstereo_core::preset::Preset;
 
 use super::eval::Prepared;
@@ -135,7 +136,7 @@ impl Sweep {
             seed: self.seed,
             ..Overrides::default()
         };
-        let matched = scene.matched(overrides.apply(self.preset)?, 1)?;
+        let matched = scene.matched(overrides.apply(self.preset)?, Output::Dense, 1)?;
         let bad = scene.measure(&matched, self.threshold, false)?;
         Ok(Point {
             scene: scene.scene.name.clone(),
