@@ -306,12 +306,13 @@ pub struct RowCheck<'a> {
 }
 
 impl RowCheck<'_> {
-    /// Position in the other view's stored order of the match of pixel `x`, if inside.
+    /// Position in the other view's stored order of the match of pixel `x` at its `best`
+    /// disparity, if inside.
     #[must_use]
-    pub fn position(&self, x: usize) -> Option<usize> {
-        let index = usize::from(*self.best.get(x)?);
+    #[inline(always)]
+    pub fn position(&self, x: usize, best: u16) -> Option<usize> {
         let count = self.best.len();
-        (count - 1 - x + index)
+        (count - 1 - x + usize::from(best))
             .checked_add_signed(self.minimum_px.into())
             .filter(|&position| position < count)
     }
@@ -323,28 +324,31 @@ impl RowCheck<'_> {
     pub fn write(&self, found_q4: &mut [i16], confidences: &mut [u8]) {
         let count = self.best.len();
         let pixels = self.best.iter().zip(self.refined_q4).zip(self.margins);
-        let outputs = found_q4.iter_mut().zip(confidences);
-        let textures = textures(self.grey, self.reach);
-        for ((x, (((&best, &refined_q4), &margin), (found_q4, confidence))), texture) in
-            pixels.zip(outputs).enumerate().zip(textures)
+        let outputs = found_q4.iter_mut().zip(confidences.iter_mut());
+        for (x, (((&best, &refined_q4), &margin), (found_q4, confidence))) in
+            pixels.zip(outputs).enumerate()
         {
             let other = self.other_best.get(count - 1 - x + usize::from(best));
             // The low half is the other pixel's index.
-            let agrees = other.is_some_and(|&other| {
-                (other as u16).abs_diff(best) <= u16::from(self.tolerance_px)
-            });
-            let agrees = agrees && self.position(x).is_some();
-            let is_clear = margin >= self.margin && texture >= self.texture_min;
-            *found_q4 = match (agrees, is_clear) {
-                (true, true) => refined_q4,
-                (true, false) => !refined_q4,
-                (false, _) => INVALID,
-            };
-            *confidence = if agrees && is_clear {
-                margin.clamp(1, 255) as u8
-            } else {
-                0
-            };
+            let other = other.map_or(u16::MAX, |&other| other as u16);
+            let agrees = (other.abs_diff(best) <= self.tolerance_px.into())
+                & self.position(x, best).is_some();
+            let is_clear = margin >= self.margin;
+            let found = if is_clear { refined_q4 } else { !refined_q4 };
+            *found_q4 = if agrees { found } else { INVALID };
+            let holds = agrees & is_clear;
+            *confidence = margin.clamp(1, 255) as u8 * u8::from(holds);
+        }
+        if self.texture_min == 0 {
+            return;
+        }
+        let textures = textures(self.grey, self.reach);
+        for ((found_q4, confidence), texture) in found_q4.iter_mut().zip(confidences).zip(textures)
+        {
+            if texture < self.texture_min && *found_q4 >= 0 {
+                *found_q4 = !*found_q4;
+                *confidence = 0;
+            }
         }
     }
 }

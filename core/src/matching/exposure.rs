@@ -39,6 +39,26 @@ impl Sums {
         recent_reference: 0,
         recent_other: 0,
     };
+
+    fn add(&mut self, line: &LineSums) {
+        self.reference += line.reference;
+        self.other += line.other;
+        self.reference_squares += u64::from(line.reference_squares);
+        self.other_squares += u64::from(line.other_squares);
+        self.residuals += line.residuals;
+        self.recent_reference += line.reference;
+        self.recent_other += line.other;
+    }
+}
+
+/// Sums over the matches of one line: squares of 8 bits, at most 2^16 of them.
+#[derive(Debug, Clone, Copy, Default)]
+struct LineSums {
+    reference: u32,
+    other: u32,
+    reference_squares: u32,
+    other_squares: u32,
+    residuals: u32,
 }
 
 /// The conversion of one channel.
@@ -107,8 +127,53 @@ impl Exposure {
         }
     }
 
-    /// Lets the sums of the lines above fade, before the matches of a line.
-    pub(super) fn begin_line(&mut self) {
+    /// Learns from the matches of a line: positions in the reference view's and the other
+    /// view's rows, which have `CHANNELS`. A match with a level at the end of the range
+    /// tells nothing.
+    pub(super) fn learn<const CHANNELS: usize>(
+        &mut self,
+        matches: impl Iterator<Item = (usize, usize)>,
+        levels: [&[u8]; MAX_CHANNELS],
+        others: [&[u8]; MAX_CHANNELS],
+    ) {
+        let mut line = [LineSums::default(); CHANNELS];
+        let mut count = 0;
+        for (at, other_at) in matches {
+            let mut pairs = [(0, 0); CHANNELS];
+            let rows = levels.iter().zip(others);
+            for ((own, other), (levels, others)) in pairs.iter_mut().zip(rows) {
+                // 0, an end of the range, where there is no level.
+                *own = levels.get(at).copied().unwrap_or(0);
+                *other = others.get(other_at).copied().unwrap_or(0);
+            }
+            // One less, a level inside the range is at most 253.
+            let is_end = |level: u8| level.wrapping_sub(1) > 253;
+            if pairs.iter().any(|&(a, b)| is_end(a) | is_end(b)) {
+                continue;
+            }
+            count += 1;
+            for ((sums, conversion), &(own, other)) in
+                line.iter_mut().zip(&self.conversions).zip(&pairs)
+            {
+                sums.residuals += u32::from(own.abs_diff(conversion.apply(other)));
+                let (own, other) = (u32::from(own), u32::from(other));
+                sums.reference += own;
+                sums.other += other;
+                sums.reference_squares += own * own;
+                sums.other_squares += other * other;
+            }
+        }
+        self.fade();
+        self.matches += count;
+        self.recent_matches += count;
+        for (sums, line) in self.sums.iter_mut().zip(&line) {
+            sums.add(line);
+        }
+        self.conclude(CHANNELS);
+    }
+
+    /// Lets the sums of the lines above fade.
+    fn fade(&mut self) {
         for sums in &mut self.sums {
             sums.reference -= sums.reference >> FADING_SHIFT;
             sums.other -= sums.other >> FADING_SHIFT;
@@ -122,32 +187,9 @@ impl Exposure {
         self.recent_matches -= self.recent_matches >> RECENT_FADING_SHIFT;
     }
 
-    /// Counts a match by its levels, reference first, in the channels that `pairs` has. A
-    /// match with a level at the end of the range tells nothing.
-    #[inline]
-    pub(super) fn add(&mut self, pairs: &[(u8, u8)]) {
-        // One less, a level inside the range is at most 253.
-        let is_end = |level: u8| level.wrapping_sub(1) > 253;
-        if pairs.iter().any(|&(a, b)| is_end(a) | is_end(b)) {
-            return;
-        }
-        self.matches += 1;
-        self.recent_matches += 1;
-        let channels = self.sums.iter_mut().zip(&self.conversions);
-        for ((sums, conversion), &(reference, other)) in channels.zip(pairs) {
-            sums.reference += u32::from(reference);
-            sums.other += u32::from(other);
-            sums.recent_reference += u32::from(reference);
-            sums.recent_other += u32::from(other);
-            sums.reference_squares += u64::from(reference) * u64::from(reference);
-            sums.other_squares += u64::from(other) * u64::from(other);
-            sums.residuals += u32::from(reference.abs_diff(conversion.apply(other)));
-        }
-    }
-
-    /// Concludes from the sums, after the matches of a line: the first time the conversion
+    /// Concludes from the sums: the first time the conversion
     /// alone, as residuals without one mean nothing. Divisions are per line.
-    pub(super) fn end_line(&mut self, channels: usize) {
+    fn conclude(&mut self, channels: usize) {
         let count = self.matches;
         if self.recent_matches < MATCHES_MIN {
             self.dead_zone = u8::MAX;

@@ -581,23 +581,14 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         }
         let levels = rows_of(reference_channels(&self.colours, &self.sampler), line);
         let others = rows_of(other_channels(&self.colours, &self.sampler), line);
-        self.exposure.begin_line();
-        for (x, &confidence) in self.confidences.iter().enumerate() {
-            if confidence == 0 {
-                continue;
-            }
-            let Some(position) = check.position(x) else {
-                continue;
-            };
-            let level = |row: &[u8], at: usize| row.get(at).copied().unwrap_or(0);
-            let mut pairs = [(0, 0); MAX_CHANNELS];
-            for ((pair, own), other) in pairs.iter_mut().zip(levels).zip(others) {
-                *pair = (level(own, x), level(other, position));
-            }
-            self.exposure
-                .add(pairs.get(..sizes.channels()).unwrap_or_default());
+        let pixels = self.confidences.iter().zip(check.best).enumerate();
+        let holding = pixels.filter(|&(_, (&confidence, _))| confidence > 0);
+        let matches = holding.filter_map(|(x, (_, &best))| Some((x, check.position(x, best)?)));
+        if sizes.channels() == 1 {
+            self.exposure.learn::<1>(matches, levels, others);
+        } else {
+            self.exposure.learn::<MAX_CHANNELS>(matches, levels, others);
         }
-        self.exposure.end_line(sizes.channels());
     }
 }
 
