@@ -20,6 +20,16 @@ pub struct Report {
     pub stack_bytes: u32,
 }
 
+impl Report {
+    /// The session's counters by name.
+    pub fn counters(&self) -> impl Iterator<Item = (&'static str, u32)> {
+        let mut statistics = self.statistics;
+        COUNTERS
+            .into_iter()
+            .map(move |(name, counter)| (name, *counter(&mut statistics)))
+    }
+}
+
 type Counter = fn(&mut Statistics) -> &mut u32;
 
 /// The counters by name.
@@ -45,9 +55,8 @@ const STACK_BYTES: &str = "stack_bytes";
 /// A line `NAME VALUE` of each number.
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut statistics = self.statistics;
-        for (name, counter) in COUNTERS {
-            writeln!(f, "{name} {}", counter(&mut statistics))?;
+        for (name, count) in self.counters() {
+            writeln!(f, "{name} {count}")?;
         }
         for (stage, instructions) in Stage::ALL.into_iter().zip(self.instructions) {
             writeln!(f, "{} {instructions}", stage.name())?;

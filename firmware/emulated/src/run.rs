@@ -6,7 +6,6 @@ use core::mem::MaybeUninit;
 use semihosting::fs::File;
 use semihosting::process;
 use semihosting::sys::arm_compat::sys_get_cmdline_uninit;
-use vgstereo_core::camera::LinePairSource;
 use vgstereo_core::kernel::Kernels;
 use vgstereo_core::matcher::Matcher;
 use vgstereo_firmware::faults::FaultyCamera;
