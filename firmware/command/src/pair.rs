@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Result, ensure};
 use image::RgbImage;
-use image::imageops::thumbnail;
+use image::imageops::{crop_imm, thumbnail};
 use vgstereo_core::camera::{Geometry, Layout, LinePairSource, PixelFormat};
 use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::preset::Preset;
@@ -66,6 +66,14 @@ impl Pair {
             format: PixelFormat::Grey8,
             disparities: DisparityRange::up_to(self.disparities.count / 2),
             ..self
+        }
+    }
+
+    /// Leaves the first `lines` lines.
+    pub fn cut(&mut self, lines: u32) {
+        for view in [&mut self.left, &mut self.right] {
+            let (width, height) = view.dimensions();
+            *view = crop_imm(view, 0, 0, width, lines.min(height)).to_image();
         }
     }
 

@@ -29,6 +29,9 @@ const SCENES: [&str; 4] = ["tsukuba", "venus", "teddy", "cones"];
     in grey and half as large on a small board, whole and in colour on the others."
 )]
 pub struct Verify {
+    /// Only the first N lines of each pair: all of the firmware in less time.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    lines: Option<u32>,
     #[command(flatten)]
     selection: Selection,
 }
@@ -54,7 +57,7 @@ impl Verify {
         for board in boards {
             let firmware = build(&board)?;
             let lent_bytes = Sizes::read(&firmware)?.lent_bytes;
-            for pair in pairs(&board, folder.as_deref())? {
+            for pair in self.pairs(&board, folder.as_deref())? {
                 for preset in Preset::ALL {
                     if working_bytes(&pair, preset)? <= lent_bytes {
                         cases.push(Case {
@@ -99,6 +102,22 @@ impl Verify {
         };
         Ok(format!("{table}\n{note}"))
     }
+
+    /// What a board is verified on.
+    fn pairs(&self, board: &Board, folder: Option<&Path>) -> Result<Vec<Pair>> {
+        let mut pairs = vec![Pair::rendered(160, 120, 32), Pair::rendered(320, 240, 48)];
+        for scene in SCENES {
+            if let Some(folder) = folder {
+                pairs.push(Pair::load(&folder.join(scene), board)?);
+            }
+        }
+        if let Some(lines) = self.lines {
+            for pair in &mut pairs {
+                pair.cut(lines);
+            }
+        }
+        Ok(pairs)
+    }
 }
 
 impl Case {
@@ -126,15 +145,4 @@ fn working_bytes(pair: &Pair, preset: Preset) -> Result<u64> {
     let request = pair.request(preset, 1, &[])?;
     let words = request.config().memory_words() + session::memory_words(&request.geometry);
     Ok(words as u64 * size_of::<u32>() as u64)
-}
-
-/// What a board is verified on.
-fn pairs(board: &Board, folder: Option<&Path>) -> Result<Vec<Pair>> {
-    let mut pairs = vec![Pair::rendered(160, 120, 32), Pair::rendered(320, 240, 48)];
-    for scene in SCENES {
-        if let Some(folder) = folder {
-            pairs.push(Pair::load(&folder.join(scene), board)?);
-        }
-    }
-    Ok(pairs)
 }
