@@ -31,10 +31,10 @@ pub enum Stage {
     Hamming,
     /// Paths, their sums, and the selection, which is done pixel by pixel with them.
     AggregationAndSelection,
-    /// Reach of surfaces and the weighted median.
-    SurfacesAndMedian,
+    /// Reach of surfaces, and medians.
+    SurfacesAndMedians,
     /// All else of the matcher and the session: strips, levels, left-right and ambiguity
-    /// checks, vote, fill, plain medians.
+    /// checks, vote, fill.
     ChecksAndRest,
     /// The camera and the sink; no part of the method.
     Files,
@@ -47,7 +47,7 @@ impl Stage {
         Self::Masks,
         Self::Hamming,
         Self::AggregationAndSelection,
-        Self::SurfacesAndMedian,
+        Self::SurfacesAndMedians,
         Self::ChecksAndRest,
         Self::Files,
     ];
@@ -60,7 +60,7 @@ impl Stage {
             Self::Masks => "masks",
             Self::Hamming => "hamming",
             Self::AggregationAndSelection => "aggregation_and_selection",
-            Self::SurfacesAndMedian => "surfaces_and_median",
+            Self::SurfacesAndMedians => "surfaces_and_medians",
             Self::ChecksAndRest => "checks_and_rest",
             Self::Files => "files",
         }
@@ -196,7 +196,15 @@ impl<K: Kernels, C: Counter> Kernels for Metered<'_, K, C> {
     #[inline]
     fn arms_row(&self, row: &ArmsRow<'_>, scratch: &mut [u8], arms: &mut [i16]) {
         let body = || self.inner.arms_row(row, scratch, arms);
-        self.meter.measure_innermost(Stage::SurfacesAndMedian, body);
+        self.meter
+            .measure_innermost(Stage::SurfacesAndMedians, body);
+    }
+
+    #[inline]
+    fn median9_row(&self, rows: [&[i16]; 3], output: &mut [i16]) {
+        let body = || self.inner.median9_row(rows, output);
+        self.meter
+            .measure_innermost(Stage::SurfacesAndMedians, body);
     }
 
     #[inline]
@@ -207,7 +215,8 @@ impl<K: Kernels, C: Counter> Kernels for Metered<'_, K, C> {
         output: &mut [i16],
     ) {
         let body = || self.inner.weighted_median_row(row, weights, output);
-        self.meter.measure_innermost(Stage::SurfacesAndMedian, body);
+        self.meter
+            .measure_innermost(Stage::SurfacesAndMedians, body);
     }
 
     #[inline]

@@ -33,6 +33,8 @@ const _: () = assert!(cfg!(target_endian = "little"));
 impl DisparitySink for FileSink {
     type Error = Error;
 
+    // Not inlined: what semihosting asserts is then not taken for the pipeline's.
+    #[inline(never)]
     fn begin_frame(&mut self, _: &FrameInfo) -> Result<(), Error> {
         let start = self.pixels;
         self.disparities.seek(SeekFrom::Start(start * 2))?;
@@ -40,6 +42,7 @@ impl DisparitySink for FileSink {
         Ok(())
     }
 
+    #[inline(never)]
     fn line(&mut self, _: u32, line: &DisparityLine<'_>) -> Result<(), Error> {
         write(
             &mut self.disparities,

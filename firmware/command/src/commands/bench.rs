@@ -156,7 +156,7 @@ fn as_text(rows: &[Row]) -> String {
         "masks",
         "Hamming",
         "aggregation,\nselection",
-        "surfaces,\nmedian",
+        "surfaces,\nmedians",
         "checks,\nrest",
         "per line",
         "RAM KiB",
