@@ -25,27 +25,30 @@ const RAM_KIB: [(Board, Preset, u32, u16, u64); 5] = [
     (MPS2_AN500, Preset::Balanced, 450, 60, 300),
 ];
 
+type BoardTest = fn(&Board) -> Result<(), Failed>;
+
+/// Of every board; ignored where something that the board needs is missing.
+const TESTS: [(&str, BoardTest); 7] = [
+    ("presets", same_bytes_with_every_preset),
+    ("faults", exact_under_every_fault),
+    ("random_faults", exact_under_random_faults),
+    ("dead_camera", a_dead_camera_ends_the_run),
+    ("counts", the_same_counts_in_every_run),
+    ("panics", no_panic_in_the_pipeline),
+    ("memory", within_the_memory_promised),
+];
+
 fn main() {
     let mut trials = Vec::new();
     for board in Board::ALL {
-        trials.push(trial(board, "presets", same_bytes_with_every_preset));
-        trials.push(trial(board, "faults", exact_under_every_fault));
-        trials.push(trial(board, "random_faults", exact_under_random_faults));
-        trials.push(trial(board, "dead_camera", a_dead_camera_ends_the_run));
-        trials.push(trial(board, "counts", the_same_counts_in_every_run));
-        trials.push(trial(board, "panics", no_panic_in_the_pipeline));
-    }
-    for board in [STM32F405, MPS2_AN500] {
-        trials.push(trial(board, "ram", within_the_memory_promised));
+        let absent = toolchain::ensure_complete(&[board]).is_err();
+        for (name, test) in TESTS {
+            let name = format!("{}::{name}", board.name);
+            let trial = Trial::test(name, move || test(&board));
+            trials.push(trial.with_ignored_flag(absent));
+        }
     }
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
-}
-
-/// A test of a board; ignored where something that the board needs is missing.
-fn trial(board: Board, name: &str, test: fn(&Board) -> Result<(), Failed>) -> Trial {
-    let absent = toolchain::ensure_complete(&[board]).is_err();
-    let name = format!("{}::{name}", board.name);
-    Trial::test(name, move || test(&board)).with_ignored_flag(absent)
 }
 
 /// The built-in scene with as many lines as every stage looks over, and some more.
