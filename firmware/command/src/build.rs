@@ -1,5 +1,6 @@
 //! Building the boards' firmware.
 
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -39,6 +40,10 @@ pub fn build(board: &Board) -> Result<PathBuf> {
         .arg(&folder)
         .current_dir(root().join("firmware/boards").join(board.folder))
         .stdout(std::io::stderr());
+    // Where nobody looks on, only what is wrong is said.
+    if !std::io::stderr().is_terminal() {
+        command.arg("--quiet");
+    }
     // What is set for the host's build is not meant for the board's.
     for variable in ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_BUILD_TARGET"] {
         command.env_remove(variable);

@@ -18,7 +18,7 @@ pub struct Sizes {
     /// Statics, without the lent memory.
     pub statics_bytes: u64,
     /// The memory that is lent to matcher and session.
-    pub lent_bytes: u64,
+    pub lent_bytes: usize,
 }
 
 impl Sizes {
@@ -44,10 +44,10 @@ impl Sizes {
             .symbols()
             .find(|symbol| symbol.name() == Ok(LENT_MEMORY))
             .with_context(|| format!("{} lends no memory", path.display()))?;
-        let lent_bytes = lent.size();
+        let lent_bytes = usize::try_from(lent.size())?;
         Ok(Self {
             flash_bytes: flash.map(|s| u64::from(s.p_filesz(endian))).sum(),
-            statics_bytes: ram.map(|s| s.size()).sum::<u64>() - lent_bytes,
+            statics_bytes: ram.map(|s| s.size()).sum::<u64>() - lent.size(),
             lent_bytes,
         })
     }

@@ -9,6 +9,7 @@ use vgstereo_core::config::Config;
 use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::preset::Preset;
 use vgstereo_firmware::faults::Fault;
+use vgstereo_firmware::session;
 
 /// Most faults of a script.
 pub const MAX_FAULTS: usize = 32;
@@ -37,6 +38,13 @@ impl Request {
             format: self.geometry.format,
             ..Config::new(parameters, self.geometry.width, self.disparities)
         }
+    }
+
+    /// Bytes of the lent memory that session and matcher take.
+    #[must_use]
+    pub fn working_bytes(&self) -> usize {
+        let words = session::memory_words(&self.geometry) + self.config().memory_words();
+        words * size_of::<u32>()
     }
 }
 

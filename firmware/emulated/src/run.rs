@@ -60,7 +60,6 @@ fn serve<C: Counter>(
     let config = request.config();
     let meter = Meter::new(counter);
     let line_words = session::memory_words(&geometry);
-    let working_words = config.memory_words() + line_words;
     let (lines, memory) = memory
         .split_at_mut_checked(line_words)
         .ok_or(Refusal("the lines do not fit the lent memory"))?;
@@ -94,7 +93,7 @@ fn serve<C: Counter>(
     Ok(Report {
         statistics: session.statistics(),
         instructions: meter.instructions(),
-        working_bytes: (working_words * size_of::<u32>()) as u32,
+        working_bytes: request.working_bytes() as u32,
         stack_bytes: 0,
     })
 }

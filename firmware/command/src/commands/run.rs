@@ -16,6 +16,7 @@ use vgstereo_sim::files::{read_image, write_files};
 use super::parse_board;
 use crate::board::Board;
 use crate::build::build;
+use crate::elf::Sizes;
 use crate::emulator::{self, Clock};
 use crate::pair::Pair;
 use crate::toolchain::ensure_complete;
@@ -86,6 +87,14 @@ impl Run {
         request.config().validate()?;
         ensure_complete(&[self.board])?;
         let firmware = build(&self.board)?;
+        let (needed, lent) = (request.working_bytes(), Sizes::read(&firmware)?.lent_bytes);
+        ensure!(
+            needed <= lent,
+            "{} at {} takes {needed} bytes of memory, {} lends {lent}",
+            self.preset,
+            pair.size(),
+            self.board.name
+        );
         let (frames, report) = emulator::run(&self.board, &firmware, &pair, &request, Clock::Host)?;
         let (width, height) = pair.left.dimensions();
         let all_q4 = frames.disparities_q4();

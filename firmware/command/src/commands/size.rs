@@ -25,7 +25,7 @@ struct Row {
     board: &'static str,
     flash_bytes: u64,
     statics_bytes: u64,
-    lent_bytes: u64,
+    lent_bytes: usize,
 }
 
 #[derive(Debug, Serialize)]

@@ -6,7 +6,6 @@ use anyhow::{Result, ensure};
 use clap::Args;
 use rayon::prelude::*;
 use vgstereo_core::preset::Preset;
-use vgstereo_firmware::session;
 use vgstereo_sim::commands::{progress_bar, table};
 
 use super::Selection;
@@ -59,7 +58,7 @@ impl Verify {
             let lent_bytes = Sizes::read(&firmware)?.lent_bytes;
             for pair in self.pairs(&board, folder.as_deref())? {
                 for preset in Preset::ALL {
-                    if working_bytes(&pair, preset)? <= lent_bytes {
+                    if pair.request(preset, 1, &[])?.working_bytes() <= lent_bytes {
                         cases.push(Case {
                             board,
                             firmware: firmware.clone(),
@@ -138,11 +137,4 @@ impl Case {
         );
         Ok(())
     }
-}
-
-/// Bytes that a pair's session and matcher take with a preset.
-fn working_bytes(pair: &Pair, preset: Preset) -> Result<u64> {
-    let request = pair.request(preset, 1, &[])?;
-    let words = request.config().memory_words() + session::memory_words(&request.geometry);
-    Ok(words as u64 * size_of::<u32>() as u64)
 }
