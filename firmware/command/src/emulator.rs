@@ -1,5 +1,6 @@
 //! A board in its emulator: files in, files and a report out.
 
+use std::ffi::CStr;
 use std::fs::{self, File};
 use std::io::Read;
 use std::path::Path;
@@ -40,9 +41,9 @@ pub fn run(
     clock: Clock,
 ) -> Result<(Frames, Report)> {
     let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
-    let path = |name: &str| folder.path().join(name);
-    let read = |name: &str| {
-        fs::read(path(name)).with_context(|| format!("{} has written no {name}", board.name))
+    let path = |name: &CStr| folder.path().join(&*name.to_string_lossy());
+    let read = |name: &CStr| {
+        fs::read(path(name)).with_context(|| format!("{} has not written {name:?}", board.name))
     };
     fs::write(path(LINES_FILE), pair.lines()?).context("cannot write a temporary file")?;
 
@@ -51,7 +52,7 @@ pub fn run(
         semihosting += ",arg=";
         semihosting += word;
     }
-    let log = path("emulator.log");
+    let log = path(c"emulator.log");
     let log_file = File::create(&log).context("cannot write a temporary file")?;
     let mut command = Command::new(board.emulator);
     command

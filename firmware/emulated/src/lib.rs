@@ -5,7 +5,12 @@
 //! of a camera whose lines come from a file, one pair at a time, writes the disparities
 //! to another, and leaves a [`Report`]. The host's side writes the one and reads the
 //! other. Only built for a chip: `camera`, `run`, `sink` and `stack`.
-#![cfg_attr(target_os = "none", no_std)]
+#![no_std]
+
+#[cfg(test)]
+extern crate std;
+
+use core::ffi::CStr;
 
 pub mod meter;
 pub mod report;
@@ -24,11 +29,11 @@ pub use report::Report;
 pub use request::Request;
 
 /// File that the camera reads: of each line, the left view's bytes, then the right's.
-pub const LINES_FILE: &str = "lines.raw";
+pub const LINES_FILE: &CStr = c"lines.raw";
 /// File of disparities: whole frames one after another, row-major, 1/16 px, two bytes
 /// each, little-endian, as the sink is given them.
-pub const DISPARITIES_FILE: &str = "disparities.raw";
+pub const DISPARITIES_FILE: &CStr = c"disparities.raw";
 /// File of their confidences, one byte each.
-pub const CONFIDENCES_FILE: &str = "confidences.raw";
+pub const CONFIDENCES_FILE: &CStr = c"confidences.raw";
 /// File of the [`Report`], or of one line that begins with `error`.
-pub const REPORT_FILE: &str = "report.txt";
+pub const REPORT_FILE: &CStr = c"report.txt";

@@ -103,6 +103,8 @@ impl FromStr for Report {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::format;
+    use std::string::ToString;
 
     #[test]
     fn reports_are_read_as_they_are_written() {

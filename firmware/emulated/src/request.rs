@@ -136,6 +136,8 @@ const fn pixels_name(format: PixelFormat) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::format;
+    use std::string::ToString;
     use vgstereo_core::camera::ErrorKind;
     use vgstereo_firmware::faults::FaultKind;
 

@@ -18,6 +18,7 @@ use crate::report::Report;
 use crate::request::Request;
 use crate::sink::{self, FileSink};
 use crate::stack::Stack;
+use crate::{CONFIDENCES_FILE, DISPARITIES_FILE, LINES_FILE, REPORT_FILE};
 
 /// Longest command line.
 const COMMAND_LINE_BYTES: usize = 1024;
@@ -29,7 +30,7 @@ pub fn run<C: Counter>(
     memory: &'static mut [u32],
     stack: Stack,
 ) -> ! {
-    let Ok(file) = File::create(c"report.txt") else {
+    let Ok(file) = File::create(REPORT_FILE) else {
         process::exit(1);
     };
     let mut text = Text(file);
@@ -67,11 +68,11 @@ fn serve<C: Counter>(
     let matcher = matcher.map_err(|_| Refusal("the matcher refuses the configuration"))?;
 
     let file_error = |_| Refusal("a file cannot be opened");
-    let camera = FileCamera::new(File::open(c"lines.raw").map_err(file_error)?, geometry);
+    let camera = FileCamera::new(File::open(LINES_FILE).map_err(file_error)?, geometry);
     let camera = FaultyCamera::new(camera, &request.faults);
     let sink = FileSink::new(
-        File::create(c"disparities.raw").map_err(file_error)?,
-        File::create(c"confidences.raw").map_err(file_error)?,
+        File::create(DISPARITIES_FILE).map_err(file_error)?,
+        File::create(CONFIDENCES_FILE).map_err(file_error)?,
     );
     let camera = Metered::new(camera, &meter);
     let sink = Metered::new(sink, &meter);
