@@ -79,7 +79,7 @@ pub fn aggregate_row(row: &mut AggregateRow<'_>) {
 /// The same for strides that are a multiple of `N`.
 #[inline(always)]
 fn aggregate_blocks<const N: usize>(row: &mut AggregateRow<'_>) {
-    let stride = row.stride;
+    let stride = row.stride.max(1);
     let guarded = stride + 2 * GUARD;
     row.paths.fill(GUARD_COST);
     row.other_best.fill(NO_MATCH);

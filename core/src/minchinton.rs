@@ -216,7 +216,7 @@ impl<'m> PatternRow<'m> {
             samples.unwrap_or_default()
         });
         let mut next = samples.next().unwrap_or_default();
-        for plane in self.planes.chunks_exact_mut(self.stride) {
+        for plane in self.planes.chunks_exact_mut(self.stride.max(1)) {
             let mut group: [&[u8]; CELLS_PER_BYTE + 1] = [next; CELLS_PER_BYTE + 1];
             for slot in &mut group[1..] {
                 *slot = samples.next().unwrap_or_default();
@@ -234,11 +234,24 @@ impl<'m> PatternRow<'m> {
         if count == 0 || front + count > positions || positions + Self::SLACK > self.stride {
             return;
         }
-        for plane in self.planes.chunks_exact_mut(self.stride) {
-            plane.copy_within(..count, front);
-            let (first, last) = (plane[front], plane[front + count - 1]);
-            plane[..front].fill(first);
-            plane[front + count..positions].fill(last);
+        let last = count - 1;
+        for plane in self.planes.chunks_exact_mut(self.stride.max(1)) {
+            let (Some(&first_byte), Some(&last_byte)) = (plane.first(), plane.get(last)) else {
+                return;
+            };
+            // From the end, as both runs overlap; without negative disparities they are one.
+            for x in (0..count).rev().take_while(|_| front > 0) {
+                let byte = plane.get(x).copied();
+                if let (Some(to), Some(byte)) = (plane.get_mut(front + x), byte) {
+                    *to = byte;
+                }
+            }
+            if let Some(before) = plane.get_mut(..front) {
+                before.fill(first_byte);
+            }
+            if let Some(behind) = plane.get_mut(front + count..positions) {
+                behind.fill(last_byte);
+            }
         }
     }
 

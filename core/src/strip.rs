@@ -88,8 +88,12 @@ impl<'m> Strip<'m> {
         let line = line.get(..self.width).unwrap_or(line);
         let first = line.first().copied().unwrap_or(0);
         let last = line.last().copied().unwrap_or(0);
-        let (before, rest) = stored.split_at_mut(self.padding);
-        let (inside, after) = rest.split_at_mut(self.width);
+        let Some((before, rest)) = stored.split_at_mut_checked(self.padding) else {
+            return;
+        };
+        let Some((inside, after)) = rest.split_at_mut_checked(self.width) else {
+            return;
+        };
         let missing = self.width - line.len();
         match self.order {
             Order::Columns => {

@@ -4,13 +4,15 @@
 //! [`LinePairSource`](vgstereo_core::camera::LinePairSource), gives them to a
 //! [`Matcher`](vgstereo_core::matcher::Matcher) and its lines of disparities to a
 //! [`DisparitySink`]. It drops a frame that is not whole, counts what was lost and starts
-//! again at line 0 of the next frame. Drivers, pins and clocks are a board's affair.
+//! again at line 0 of the next frame; [`faults`] puts scripted ones in its way. Drivers,
+//! pins and clocks are a board's affair.
 #![no_std]
 #![forbid(unsafe_code)]
 
 #[cfg(test)]
 extern crate std;
 
+pub mod faults;
 pub mod session;
 pub mod sink;
 

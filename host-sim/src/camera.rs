@@ -1,11 +1,10 @@
-//! Simulated cameras: an image pair behind a wire, and faults on the way.
-
-use std::collections::VecDeque;
+//! A simulated camera: an image pair behind a wire.
 
 use image::{DynamicImage, RgbImage};
 use vgstereo_core::camera::{
-    Error, ErrorKind, ErrorType, Geometry, Layout, LinePair, LinePairSource, PixelFormat,
+    ErrorKind, ErrorType, Geometry, Layout, LinePair, LinePairSource, PixelFormat,
 };
+use vgstereo_firmware::faults::Rewind;
 
 /// Time between lines of [`SimulatedCamera`]: about 30 frames a second at 480 lines.
 pub const LINE_PERIOD_US: u64 = 69;
@@ -143,6 +142,12 @@ impl LinePairSource for SimulatedCamera {
     }
 }
 
+impl Rewind for SimulatedCamera {
+    fn rewind(&mut self, pairs: u32) {
+        self.pairs = self.pairs.saturating_sub(pairs.into());
+    }
+}
+
 /// A line of RGB pixels in a wire format.
 fn encode(format: PixelFormat, rgb: &[u8]) -> Vec<u8> {
     let mut luma = vec![0; rgb.len() / 3];
@@ -199,205 +204,12 @@ fn merge(layout: Layout, format: PixelFormat, left: &[u8], right: &[u8], raw: &m
     }
 }
 
-/// What goes wrong at a pair of lines.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum FaultKind {
-    /// The pair is lost and an error of this kind reported.
-    Error(ErrorKind),
-    /// The pair is lost and no error reported.
-    DroppedLine,
-    /// The pair is delivered twice.
-    DuplicatedLine,
-    /// The pair and the rest of the frame are lost and [`ErrorKind::SyncLost`] reported.
-    LostSync,
-    /// The pair and the rest of the frame are lost and no error reported.
-    Truncated,
-    /// After the pair, the frame's pairs up to it are delivered again; at the last line,
-    /// the whole frame is.
-    DuplicatedFrame,
-}
-
-/// An entry of a [`FaultyCamera`]'s script.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Fault {
-    /// Frame in which it happens.
-    pub frame: u32,
-    /// Line at which it happens.
-    pub line: u32,
-    /// What happens.
-    pub kind: FaultKind,
-}
-
-/// The error of a [`FaultyCamera`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum FaultyError<E> {
-    /// The script asks for it.
-    Scripted(ErrorKind),
-    /// The wrapped camera's own.
-    Camera(E),
-}
-
-impl<E: Error> Error for FaultyError<E> {
-    fn kind(&self) -> ErrorKind {
-        match self {
-            Self::Scripted(kind) => *kind,
-            Self::Camera(error) => error.kind(),
-        }
-    }
-}
-
-#[derive(Debug, Clone)]
-struct Stored {
-    pair: LinePair,
-    left: Vec<u8>,
-    right: Vec<u8>,
-}
-
-impl Stored {
-    fn write(&self, left: &mut [u8], right: &mut [u8]) -> LinePair {
-        left.copy_from_slice(&self.left);
-        right.copy_from_slice(&self.right);
-        self.pair
-    }
-}
-
-/// A camera with scripted faults between it and whoever reads it.
-///
-/// Each fault happens once, when the wrapped camera delivers its pair. Pairs delivered
-/// again bring no further faults.
-#[derive(Debug, Clone)]
-pub struct FaultyCamera<C> {
-    camera: C,
-    script: Vec<Fault>,
-    /// Rest of this frame is lost.
-    lost_frame: Option<u32>,
-    dropped: u32,
-    seen: Vec<Stored>,
-    again: VecDeque<Stored>,
-}
-
-impl<C: LinePairSource> FaultyCamera<C> {
-    /// Wraps a camera. Of several faults at one pair, the first in the script counts.
-    pub fn new(camera: C, script: impl IntoIterator<Item = Fault>) -> Self {
-        Self {
-            camera,
-            script: script.into_iter().collect(),
-            lost_frame: None,
-            dropped: 0,
-            seen: Vec::new(),
-            again: VecDeque::new(),
-        }
-    }
-
-    /// The faults that have not happened yet.
-    #[must_use]
-    pub fn pending(&self) -> &[Fault] {
-        &self.script
-    }
-
-    /// The wrapped camera.
-    #[must_use]
-    pub fn into_inner(self) -> C {
-        self.camera
-    }
-
-    /// Takes the first fault of the script at this pair out of it, and its rivals.
-    fn take_fault(&mut self, pair: &LinePair) -> Option<FaultKind> {
-        let is_here = |fault: &Fault| fault.frame == pair.frame && fault.line == pair.line;
-        let kind = self.script.iter().find(|fault| is_here(fault))?.kind;
-        self.script.retain(|fault| !is_here(fault));
-        Some(kind)
-    }
-
-    /// Keeps what a duplicated frame will send again, only where the script has one.
-    fn remember(&mut self, stored: &Stored) {
-        let frame = stored.pair.frame;
-        if self
-            .seen
-            .first()
-            .is_some_and(|first| first.pair.frame != frame)
-        {
-            self.seen.clear();
-        }
-        let repeats = |fault: &Fault| {
-            fault.frame == frame && matches!(fault.kind, FaultKind::DuplicatedFrame)
-        };
-        if self.script.iter().any(repeats) {
-            self.seen.push(stored.clone());
-        }
-    }
-}
-
-impl<C: LinePairSource> ErrorType for FaultyCamera<C> {
-    type Error = FaultyError<C::Error>;
-}
-
-impl<C: LinePairSource> LinePairSource for FaultyCamera<C> {
-    fn geometry(&self) -> Geometry {
-        self.camera.geometry()
-    }
-
-    fn read_pair(&mut self, left: &mut [u8], right: &mut [u8]) -> Result<LinePair, Self::Error> {
-        let line_bytes = self.geometry().line_bytes();
-        if left.len() != line_bytes || right.len() != line_bytes {
-            return Err(FaultyError::Scripted(ErrorKind::Other));
-        }
-        if let Some(stored) = self.again.pop_front() {
-            return Ok(stored.write(left, right));
-        }
-        loop {
-            let mut pair = self
-                .camera
-                .read_pair(left, right)
-                .map_err(FaultyError::Camera)?;
-            self.dropped = self.dropped.saturating_add(pair.dropped);
-            pair.dropped = 0;
-            let stored = Stored {
-                pair,
-                left: left.to_vec(),
-                right: right.to_vec(),
-            };
-            self.remember(&stored);
-            // What is lost already cannot fail once more.
-            let fault = self
-                .take_fault(&pair)
-                .filter(|_| self.lost_frame != Some(pair.frame));
-            let lost = match fault {
-                Some(FaultKind::LostSync | FaultKind::Truncated) => {
-                    self.lost_frame = Some(pair.frame);
-                    true
-                }
-                Some(FaultKind::Error(_) | FaultKind::DroppedLine) => true,
-                Some(FaultKind::DuplicatedLine) => {
-                    self.again.push_back(stored.clone());
-                    false
-                }
-                Some(FaultKind::DuplicatedFrame) => {
-                    self.again.extend(self.seen.drain(..));
-                    false
-                }
-                None => self.lost_frame == Some(pair.frame),
-            };
-            if !lost {
-                pair.dropped = std::mem::take(&mut self.dropped);
-                return Ok(pair);
-            }
-            self.dropped = self.dropped.saturating_add(1);
-            match fault {
-                Some(FaultKind::Error(kind)) => return Err(FaultyError::Scripted(kind)),
-                Some(FaultKind::LostSync) => {
-                    return Err(FaultyError::Scripted(ErrorKind::SyncLost));
-                }
-                _ => {}
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use image::GrayImage;
+    use vgstereo_core::camera::Error;
+    use vgstereo_firmware::faults::{Fault, FaultKind, FaultyCamera};
 
     const LAYOUTS: [Layout; 6] = [
         Layout::Separate,
@@ -422,9 +234,9 @@ mod tests {
 
     /// Frame, line and dropped of each pair, or the error, until `count` reads.
     fn reads(script: &[Fault], count: usize) -> Vec<Result<(u32, u32, u32), ErrorKind>> {
-        let mut camera = FaultyCamera::new(greys(), script.iter().copied());
+        let mut camera = FaultyCamera::new(greys(), script);
         let (mut left, mut right) = ([0; 5], [0; 5]);
-        let all = (0..count)
+        (0..count)
             .map(|_| {
                 let pair = camera.read_pair(&mut left, &mut right);
                 let pair = pair.map_err(|error| error.kind())?;
@@ -432,9 +244,7 @@ mod tests {
                 assert_eq!((left[0], right[0]), (first + 1, first + 101));
                 Ok((pair.frame, pair.line, pair.dropped))
             })
-            .collect();
-        assert!(camera.pending().is_empty());
-        all
+            .collect()
     }
 
     fn fault(line: u32, kind: FaultKind) -> Fault {

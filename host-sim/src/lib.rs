@@ -16,4 +16,5 @@ pub mod published;
 pub mod render;
 pub mod scene;
 pub mod sink;
+pub mod terminal;
 pub mod views;

@@ -1,38 +1,10 @@
-//! The `vgstereo` command: prints what a command gives, or one line of error and code 2.
+//! The `vgstereo` command.
 
-use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
-use clap::Parser;
 use vgstereo_sim::commands::CommandLine;
+use vgstereo_sim::terminal;
 
 fn main() -> ExitCode {
-    let command_line = match CommandLine::try_parse() {
-        Ok(command_line) => command_line,
-        // Help and version, asked for.
-        Err(error) if !error.use_stderr() => error.exit(),
-        Err(error) => {
-            let text = error.to_string();
-            // What is wrong comes first, then an empty line, hints and usage.
-            let wrong = text.split("\n\n").next().unwrap_or(&text);
-            return fail(wrong.trim_start_matches("error: "));
-        }
-    };
-    match command_line.run() {
-        Ok(text) => match std::io::stdout().write_all(text.as_bytes()) {
-            // The reader has seen enough.
-            Err(error) if error.kind() == ErrorKind::BrokenPipe => ExitCode::SUCCESS,
-            Err(error) => fail(&format!("cannot write to standard output: {error}")),
-            Ok(()) => ExitCode::SUCCESS,
-        },
-        Err(error) => fail(&format!("{error:#}")),
-    }
-}
-
-/// Says on one line what is wrong.
-fn fail(message: &str) -> ExitCode {
-    let line: Vec<&str> = message.split_whitespace().collect();
-    // Without standard error there is nobody left to tell.
-    let _ = writeln!(std::io::stderr(), "error: {}", line.join(" "));
-    ExitCode::from(2)
+    terminal::run(CommandLine::run)
 }

@@ -11,9 +11,10 @@ use vgstereo_core::disparity::{DisparityRange, INVALID};
 use vgstereo_core::kernel::Portable;
 use vgstereo_core::matcher::{DisparityLine, Matcher};
 use vgstereo_core::preset::Preset;
+use vgstereo_firmware::faults::{self, FaultKind, FaultyCamera};
 use vgstereo_firmware::session::{ATTEMPT_FRAMES, RunError, SessionError, memory_words};
 use vgstereo_firmware::{DisparitySink, Event, Fault, FrameInfo, Session, Statistics};
-use vgstereo_sim::camera::{FaultKind, FaultyCamera, LINE_PERIOD_US, SimulatedCamera};
+use vgstereo_sim::camera::{LINE_PERIOD_US, SimulatedCamera};
 use vgstereo_sim::sink::FrameCollector;
 use vgstereo_tests::Pair;
 
@@ -161,8 +162,8 @@ fn run_until<C: LinePairSource>(
     }
 }
 
-fn scripted(frame: u32, line: u32, kind: FaultKind) -> vgstereo_sim::camera::Fault {
-    vgstereo_sim::camera::Fault { frame, line, kind }
+fn scripted(frame: u32, line: u32, kind: FaultKind) -> faults::Fault {
+    faults::Fault { frame, line, kind }
 }
 
 fn counter(statistics: &mut Statistics, kind: ErrorKind) -> &mut u32 {

@@ -61,7 +61,7 @@ pub const fn cost_stride(disparities: usize) -> usize {
 pub fn cost_run(row: &CostRun<'_>, costs: &mut [u8]) {
     let stride = cost_stride(row.disparities);
     for (x, (costs, &cell_cost)) in costs
-        .chunks_exact_mut(stride)
+        .chunks_exact_mut(stride.max(1))
         .zip(row.cell_costs_q8)
         .enumerate()
     {

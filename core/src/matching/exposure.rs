@@ -209,7 +209,7 @@ impl Exposure {
             // The gain is at most 4, levels 255: the offset is well within 32 bits.
             let offset = ((i64::from(sums.recent_reference) << 12)
                 - gain as i64 * i64::from(sums.recent_other))
-            .div_euclid(i64::from(self.recent_matches));
+            .div_euclid(i64::from(self.recent_matches).max(1));
             *conversion = Conversion {
                 gain_q12: gain as i32,
                 offset_q12: offset as i32,
@@ -223,7 +223,7 @@ impl Exposure {
             self.recent_matches = 0;
             return;
         }
-        let mean_q4 = residuals * 16 / (u64::from(count) * channels.max(1) as u64);
+        let mean_q4 = residuals * 16 / (u64::from(count) * channels as u64).max(1);
         // 1.25 times the mean: about what separates the usual from the unusual.
         self.dead_zone = ((mean_q4 * 20) >> 8).min(255) as u8;
     }

@@ -414,8 +414,8 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
             return;
         }
         let others = other_channels(&self.colours, &self.sampler);
-        let lows = self.other_low.chunks_exact_mut(sizes.positions);
-        let highs = self.other_high.chunks_exact_mut(sizes.positions);
+        let lows = self.other_low.chunks_exact_mut(sizes.positions.max(1));
+        let highs = self.other_high.chunks_exact_mut(sizes.positions.max(1));
         for ((channel, (low, high)), other) in lows.zip(highs).enumerate().zip(others) {
             let levels = other.row(line);
             let inside = sizes.front..sizes.front + sizes.width;

@@ -55,8 +55,8 @@ impl Border {
         let at_first_q12 = ((sum_y << 12) - self.slope_q12 * sum_x).div_euclid(n);
         for (pixel, x) in before.iter_mut().rev().zip(1_i64..) {
             let value_q4 = (at_first_q12 - self.slope_q12 * x + (1 << 11)) >> 12;
-            // Clamped to what an `i16` holds.
-            *pixel = value_q4.clamp(0, largest_q4.into()) as i16;
+            // Limited to what an `i16` holds.
+            *pixel = value_q4.min(largest_q4.into()).max(0) as i16;
         }
     }
 }

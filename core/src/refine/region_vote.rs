@@ -322,10 +322,26 @@ pub fn arms_row(row: &ArmsRow<'_>, scratch: &mut [u8], arms: &mut [i16]) {
             break;
         };
         // Equal lengths, proven once.
-        let (red, green, blue) = (&red[..pairs], &green[..pairs], &blue[..pairs]);
-        let (red_b, green_b, blue_b) = (&red_b[..pairs], &green_b[..pairs], &blue_b[..pairs]);
-        let (goes_left, left) = (&mut goes_left[..pairs], &mut left[..pairs]);
-        let (goes_on, right) = (&mut goes_right[..pairs], &mut right[..pairs]);
+        let (Some(red), Some(green), Some(blue)) =
+            (red.get(..pairs), green.get(..pairs), blue.get(..pairs))
+        else {
+            break;
+        };
+        let (Some(red_b), Some(green_b), Some(blue_b)) = (
+            red_b.get(..pairs),
+            green_b.get(..pairs),
+            blue_b.get(..pairs),
+        ) else {
+            break;
+        };
+        let (Some(goes_left), Some(left), Some(goes_on), Some(right)) = (
+            goes_left.get_mut(..pairs),
+            left.get_mut(..pairs),
+            goes_right.get_mut(..pairs),
+            right.get_mut(..pairs),
+        ) else {
+            break;
+        };
         for x in 0..pairs {
             let difference = red[x]
                 .abs_diff(red_b[x])

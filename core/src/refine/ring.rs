@@ -95,9 +95,13 @@ impl<'m> RowRing<'m> {
     pub(super) fn replicate_edges(&mut self) {
         let stride = self.width + 2 * self.padding;
         let (first, last) = (self.padding, self.padding + self.width - 1);
-        for row in self.values.chunks_exact_mut(stride) {
-            row.copy_within(first..=first, first.saturating_sub(1));
-            row.copy_within(last..=last, last + 1);
+        for row in self.values.chunks_exact_mut(stride.max(1)) {
+            for (from, to) in [(first, first.saturating_sub(1)), (last, last + 1)] {
+                let value = row.get(from).copied();
+                if let (Some(to), Some(value)) = (row.get_mut(to), value) {
+                    *to = value;
+                }
+            }
         }
     }
 

@@ -79,7 +79,9 @@ impl<'m> Speckle<'m> {
 
     fn remove(&mut self, line: Option<u32>, output: &mut [i16]) -> Option<u32> {
         let line = line?;
-        output.copy_from_slice(self.rows.row(line));
+        for (output, &row) in output.iter_mut().zip(self.rows.row(line)) {
+            *output = row;
+        }
         let there = self.rows.around(line, self.parameters.reach_y_px);
         // The lines of the window, looked up once per row.
         let mut starts = [0; MAX_LINES];

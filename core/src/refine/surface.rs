@@ -136,7 +136,7 @@ impl<'m, K: Kernels> SurfaceRefiner<'m, K> {
             kept.copy_from_slice(confidences);
         }
         self.rows_in += 1;
-        self.row.copy_from_slice(found_q4);
+        copy(self.row, found_q4.iter());
         if let Some(speckle) = &mut self.speckle {
             let Some(row) = speckle.push(self.row) else {
                 return false;
@@ -161,7 +161,7 @@ impl<'m, K: Kernels> SurfaceRefiner<'m, K> {
         while let Some(vote) = &mut self.vote
             && vote.flush(channels, first_line)
         {
-            self.row.copy_from_slice(vote.row());
+            copy(self.row, vote.row().iter());
             if self.fill_and_smooth(channels) {
                 return self.write_line();
             }
@@ -211,7 +211,7 @@ impl<'m, K: Kernels> SurfaceRefiner<'m, K> {
             if !vote.push(self.row, channels, self.config.region.y) {
                 return false;
             }
-            self.row.copy_from_slice(vote.row());
+            copy(self.row, vote.row().iter());
         }
         self.fill_and_smooth(channels)
     }
@@ -286,7 +286,7 @@ impl<'m, K: Kernels> SurfaceRefiner<'m, K> {
 
     fn confidence_row(&self, row: u32) -> core::ops::Range<usize> {
         let width = usize::from(self.config.width);
-        let start = (row % (self.latency + 1)) as usize * width;
+        let start = (row % (self.latency + 1).max(1)) as usize * width;
         start..start + width
     }
 }

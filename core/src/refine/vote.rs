@@ -124,7 +124,7 @@ impl<'m> VoteFilter<'m> {
     fn vote_row(&mut self, row: u32) {
         let width = self.width;
         let rows = self.passes as usize + 2;
-        let at = (row % (self.passes + 2)) as usize;
+        let at = (row % (self.passes + 2).max(1)) as usize;
         let above = (row > 0).then(|| if at == 0 { rows - 1 } else { at - 1 });
         let below = (row + 1 < self.rows_in).then(|| if at + 1 == rows { 0 } else { at + 1 });
         let planes = self.candidates_range(row);
@@ -169,12 +169,12 @@ impl<'m> VoteFilter<'m> {
 
     fn candidates_range(&self, row: u32) -> core::ops::Range<usize> {
         let length = self.candidates * self.width;
-        let start = (row % (self.passes + 1)) as usize * length;
+        let start = (row % (self.passes + 1).max(1)) as usize * length;
         start..start + length
     }
 }
 
 fn voted_range(row: u32, passes: u32, width: usize) -> core::ops::Range<usize> {
-    let start = (row % (passes + 2)) as usize * width;
+    let start = (row % (passes + 2).max(1)) as usize * width;
     start..start + width
 }

@@ -122,7 +122,10 @@ impl Overrides {
 }
 
 /// Reads a preset's name.
-fn parse_preset(name: &str) -> Result<Preset, String> {
+///
+/// # Errors
+/// One line with the names that there are.
+pub fn parse_preset(name: &str) -> Result<Preset, String> {
     name.parse()
         .map_err(|error: vgstereo_core::preset::UnknownPreset| error.to_string())
 }
@@ -143,7 +146,8 @@ fn output_of(sparse: bool) -> Output {
 }
 
 /// A bar for long work, on standard error, and only where a person looks on.
-fn progress_bar(steps: u64, what: &str) -> ProgressBar {
+#[must_use]
+pub fn progress_bar(steps: u64, what: &str) -> ProgressBar {
     let style = ProgressStyle::with_template("{msg} [{bar:32}] {pos}/{len} {eta}")
         .unwrap_or_else(|_| ProgressStyle::default_bar());
     ProgressBar::new(steps)
@@ -152,7 +156,8 @@ fn progress_bar(steps: u64, what: &str) -> ProgressBar {
 }
 
 /// An empty table whose columns but the first `texts` are numbers.
-fn table(header: &[&str], texts: usize) -> Table {
+#[must_use]
+pub fn table(header: &[&str], texts: usize) -> Table {
     let mut table = Table::new();
     table.load_style(presets::ASCII_MARKDOWN).set_header(header);
     for column in table.column_iter_mut().skip(texts) {
@@ -170,6 +175,8 @@ fn milliseconds(time: Duration) -> String {
     format!("{:.1}", time.as_secs_f64() * 1e3)
 }
 
-fn kib(bytes: usize) -> String {
+/// Bytes in KiB, one decimal.
+#[must_use]
+pub fn kib(bytes: usize) -> String {
     format!("{:.1}", bytes as f64 / 1024.0)
 }

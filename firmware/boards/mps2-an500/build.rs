@@ -1,0 +1,10 @@
+//! Tells the linker of this board's memory.
+
+fn main() {
+    let folder = env!("CARGO_MANIFEST_DIR");
+    println!("cargo::rustc-link-search={folder}");
+    println!("cargo::rerun-if-changed={folder}/memory.x");
+    println!("cargo::rustc-link-arg-bins=-Tlink.x");
+    // Takes no flash: a test finds the calls of panic functions by them.
+    println!("cargo::rustc-link-arg-bins=--emit-relocs");
+}

@@ -1,0 +1,57 @@
+//! Arm MPS2 with image AN500: Cortex-M7; emulated as `mps2-an500`.
+#![no_std]
+#![no_main]
+
+use cortex_m_rt::entry;
+use static_cell::ConstStaticCell;
+use vgstereo_core::kernel::Portable;
+use vgstereo_emulated::meter::Counter;
+use vgstereo_emulated::run::run;
+use vgstereo_emulated::stack::Stack;
+
+/// What the matcher and the session get of the 1 MB.
+#[unsafe(export_name = "lent_memory")]
+static MEMORY: ConstStaticCell<[u32; 384 * 1024 / 4]> = ConstStaticCell::new([0; 384 * 1024 / 4]);
+
+/// CMSDK timer 0, counting down. At 25 MHz it ticks every 40 ns, and the emulator counts an
+/// instruction as 64 ns.
+#[derive(Clone, Copy)]
+struct Timer0;
+
+impl Timer0 {
+    const CONTROL: *mut u32 = 0x4000_0000 as *mut u32;
+    const VALUE: *mut u32 = 0x4000_0004 as *mut u32;
+    const RELOAD: *mut u32 = 0x4000_0008 as *mut u32;
+
+    fn start() -> Self {
+        // SAFETY: registers of a timer that nothing else uses.
+        unsafe {
+            Self::RELOAD.write_volatile(u32::MAX);
+            Self::VALUE.write_volatile(u32::MAX);
+            Self::CONTROL.write_volatile(1);
+        }
+        Self
+    }
+}
+
+impl Counter for Timer0 {
+    const INSTRUCTIONS_PER_64_TICKS: u32 = 40;
+
+    #[inline(always)]
+    fn ticks(self) -> u32 {
+        // SAFETY: a register that may be read at any time.
+        !unsafe { Self::VALUE.read_volatile() }
+    }
+}
+
+unsafe extern "C" {
+    static mut _stack_end: u32;
+    static mut _stack_start: u32;
+}
+
+#[entry]
+fn main() -> ! {
+    // SAFETY: the bounds are the linker's, there is no heap and no interrupt is enabled.
+    let stack = unsafe { Stack::paint(&raw mut _stack_end, &raw mut _stack_start) };
+    run(Timer0::start(), Portable, MEMORY.take(), stack)
+}

@@ -1,0 +1,40 @@
+//! RV32IMAC, a soft core's stand-in; emulated as `virt`.
+#![no_std]
+#![no_main]
+
+use riscv::register::minstret;
+use riscv_rt::entry;
+use static_cell::ConstStaticCell;
+use vgstereo_core::kernel::Portable;
+use vgstereo_emulated::meter::Counter;
+use vgstereo_emulated::run::run;
+use vgstereo_emulated::stack::Stack;
+
+/// What the matcher and the session get of the 1 MB.
+#[unsafe(export_name = "lent_memory")]
+static MEMORY: ConstStaticCell<[u32; 384 * 1024 / 4]> = ConstStaticCell::new([0; 384 * 1024 / 4]);
+
+/// The processor's own count of retired instructions.
+#[derive(Clone, Copy)]
+struct Retired;
+
+impl Counter for Retired {
+    const INSTRUCTIONS_PER_64_TICKS: u32 = 64;
+
+    #[inline(always)]
+    fn ticks(self) -> u32 {
+        minstret::read() as u32
+    }
+}
+
+unsafe extern "C" {
+    static mut __estack: u32;
+    static mut _stack_start: u32;
+}
+
+#[entry]
+fn main() -> ! {
+    // SAFETY: the bounds are the linker's, there is no heap and no interrupt is enabled.
+    let stack = unsafe { Stack::paint(&raw mut __estack, &raw mut _stack_start) };
+    run(Retired, Portable, MEMORY.take(), stack)
+}

@@ -1,0 +1,61 @@
+//! STM32F405: Cortex-M4F, 128 KB of SRAM; emulated as `netduinoplus2`.
+#![no_std]
+#![no_main]
+
+use cortex_m_rt::entry;
+use static_cell::ConstStaticCell;
+use vgstereo_core::kernel::Portable;
+use vgstereo_emulated::meter::Counter;
+use vgstereo_emulated::run::run;
+use vgstereo_emulated::stack::Stack;
+
+/// What the matcher and the session get of the 128 KB; the rest is for the stack.
+#[unsafe(export_name = "lent_memory")]
+static MEMORY: ConstStaticCell<[u32; 112 * 1024 / 4]> = ConstStaticCell::new([0; 112 * 1024 / 4]);
+
+/// TIM2, 32 bits wide. The emulator counts an instruction as a nanosecond and gives the
+/// timer a tick of one.
+#[derive(Clone, Copy)]
+struct Timer2;
+
+impl Timer2 {
+    const CONTROL: *mut u32 = 0x4000_0000 as *mut u32;
+    const EVENT: *mut u32 = 0x4000_0014 as *mut u32;
+    const COUNT: *mut u32 = 0x4000_0024 as *mut u32;
+    const PRESCALER: *mut u32 = 0x4000_0028 as *mut u32;
+    const AUTO_RELOAD: *mut u32 = 0x4000_002c as *mut u32;
+
+    fn start() -> Self {
+        // SAFETY: registers of a timer that nothing else uses.
+        unsafe {
+            Self::PRESCALER.write_volatile(0);
+            Self::AUTO_RELOAD.write_volatile(u32::MAX);
+            // Take both over, then count.
+            Self::EVENT.write_volatile(1);
+            Self::CONTROL.write_volatile(1);
+        }
+        Self
+    }
+}
+
+impl Counter for Timer2 {
+    const INSTRUCTIONS_PER_64_TICKS: u32 = 64;
+
+    #[inline(always)]
+    fn ticks(self) -> u32 {
+        // SAFETY: a register that may be read at any time.
+        unsafe { Self::COUNT.read_volatile() }
+    }
+}
+
+unsafe extern "C" {
+    static mut _stack_end: u32;
+    static mut _stack_start: u32;
+}
+
+#[entry]
+fn main() -> ! {
+    // SAFETY: the bounds are the linker's, there is no heap and no interrupt is enabled.
+    let stack = unsafe { Stack::paint(&raw mut _stack_end, &raw mut _stack_start) };
+    run(Timer2::start(), Portable, MEMORY.take(), stack)
+}

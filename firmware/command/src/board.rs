@@ -1,0 +1,106 @@
+//! The boards.
+
+use core::fmt;
+use core::str::FromStr;
+
+/// A board that the firmware is built for and that an emulator stands in for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Board {
+    /// Name on the command line and in tables.
+    pub name: &'static str,
+    /// Folder below `firmware/boards`, also the package's name.
+    pub folder: &'static str,
+    /// Rust's name of its processor.
+    pub target: &'static str,
+    /// Flags of the compiler besides those of the folder.
+    pub compiler_flags: &'static [&'static str],
+    /// The emulator's program.
+    pub emulator: &'static str,
+    /// The board in that emulator.
+    pub emulator_arguments: &'static [&'static str],
+    /// `log2` of the emulator's nanoseconds per instruction, where instructions are counted.
+    pub count_shift: u8,
+    /// Whether its memory is for grey pairs of half the size of the benchmarks'.
+    pub is_small: bool,
+}
+
+const ARM_TARGET: &str = "thumbv7em-none-eabihf";
+const RISCV_TARGET: &str = "riscv32imac-unknown-none-elf";
+
+/// STM32F405, Cortex-M4F: the reference.
+pub const STM32F405: Board = Board {
+    name: "stm32f405",
+    folder: "stm32f405",
+    target: ARM_TARGET,
+    compiler_flags: &[],
+    emulator: "qemu-system-arm",
+    emulator_arguments: &["-machine", "netduinoplus2"],
+    count_shift: 0,
+    is_small: true,
+};
+
+/// Arm's MPS2 board with the image AN500, Cortex-M7.
+pub const MPS2_AN500: Board = Board {
+    name: "mps2-an500",
+    folder: "mps2-an500",
+    target: ARM_TARGET,
+    compiler_flags: &[],
+    emulator: "qemu-system-arm",
+    emulator_arguments: &["-machine", "mps2-an500"],
+    count_shift: 6,
+    is_small: false,
+};
+
+/// RV32IMAC, a soft-core's stand-in.
+pub const RISCV_VIRT: Board = Board {
+    name: "riscv-virt",
+    folder: "riscv-virt",
+    target: RISCV_TARGET,
+    compiler_flags: &[],
+    emulator: "qemu-system-riscv32",
+    emulator_arguments: &[
+        "-machine",
+        "virt",
+        "-bios",
+        "none",
+        "-cpu",
+        "rv32,zbb=false",
+    ],
+    count_shift: 0,
+    is_small: false,
+};
+
+/// The same with the instructions of Zbb.
+pub const RISCV_VIRT_ZBB: Board = Board {
+    name: "riscv-virt-zbb",
+    compiler_flags: &["-Ctarget-feature=+zbb"],
+    emulator_arguments: &["-machine", "virt", "-bios", "none", "-cpu", "rv32,zbb=true"],
+    ..RISCV_VIRT
+};
+
+impl Board {
+    /// All boards.
+    pub const ALL: [Self; 4] = [STM32F405, MPS2_AN500, RISCV_VIRT, RISCV_VIRT_ZBB];
+}
+
+/// No board has this name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct UnknownBoard;
+
+impl fmt::Display for UnknownBoard {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names = Board::ALL.map(|board| board.name).join(", ");
+        write!(f, "no board has this name; there are: {names}")
+    }
+}
+
+impl std::error::Error for UnknownBoard {}
+
+impl FromStr for Board {
+    type Err = UnknownBoard;
+
+    fn from_str(name: &str) -> Result<Self, UnknownBoard> {
+        let mut all = Self::ALL.into_iter();
+        all.find(|board| board.name == name).ok_or(UnknownBoard)
+    }
+}

@@ -1,0 +1,190 @@
+//! `cargo firmware bench`: instructions, RAM and flash.
+
+use anyhow::Result;
+use clap::Args;
+use rayon::prelude::*;
+use serde::{Serialize, Serializer};
+use vgstereo_core::preset::Preset;
+use vgstereo_emulated::meter::Stage;
+use vgstereo_sim::commands::{kib, progress_bar, table};
+
+use super::Selection;
+use crate::board::{Board, MPS2_AN500, RISCV_VIRT, RISCV_VIRT_ZBB, STM32F405};
+use crate::build::build;
+use crate::elf::Sizes;
+use crate::emulator::{self, Clock};
+use crate::pair::Pair;
+use crate::toolchain::ensure_complete;
+
+/// Board, width, height, disparities and presets.
+const CASES: [(Board, u32, u32, u16, &[Preset]); 5] = [
+    (STM32F405, 160, 120, 32, &[Preset::Lite, Preset::Micro]),
+    (STM32F405, 320, 240, 48, &[Preset::Lite, Preset::Micro]),
+    (
+        MPS2_AN500,
+        450,
+        375,
+        60,
+        &[Preset::Lite, Preset::Micro, Preset::Balanced],
+    ),
+    (RISCV_VIRT, 320, 240, 48, &[Preset::Lite, Preset::Micro]),
+    (RISCV_VIRT_ZBB, 320, 240, 48, &[Preset::Lite, Preset::Micro]),
+];
+
+/// Arguments of `bench`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "On the built-in scene in grey, one frame. The emulator counts instructions, not \
+    cycles; every run gives the same numbers. Frames per second = clock in Hz x instructions per \
+    cycle / (instructions per pixel and disparity x width x height x disparities)."
+)]
+pub struct Bench {
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    selection: Selection,
+}
+
+/// What a board takes for a preset at a size.
+#[derive(Debug, Clone, Serialize)]
+pub struct Row {
+    /// The board.
+    pub board: &'static str,
+    /// The preset.
+    pub preset: &'static str,
+    /// Columns, px.
+    pub width: u32,
+    /// Lines.
+    pub height: u32,
+    /// Disparities searched.
+    pub disparities: u16,
+    /// Instructions of a frame, camera and sink left out, per pixel and disparity.
+    pub instructions_per_pixel_disparity: f64,
+    /// The same of each stage.
+    #[serde(serialize_with = "as_map")]
+    pub stages: Vec<(&'static str, f64)>,
+    /// Statics, and what matcher and session take of the lent memory.
+    pub static_ram_bytes: u64,
+    /// Most stack in use at a time.
+    pub stack_bytes: u32,
+    /// Code and constants; with every preset.
+    pub flash_bytes: u64,
+}
+
+#[derive(Debug, Serialize)]
+struct Rows {
+    boards: Vec<Row>,
+}
+
+fn as_map<S: Serializer>(stages: &[(&str, f64)], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(stages.iter().copied())
+}
+
+impl Bench {
+    /// Counts.
+    ///
+    /// # Errors
+    /// One line that says what is missing or fails.
+    pub fn run(self) -> Result<String> {
+        let boards = self.selection.boards();
+        ensure_complete(&boards)?;
+        let mut cases = Vec::new();
+        for board in boards {
+            let firmware = build(&board)?;
+            for &(of, width, height, disparities, presets) in &CASES {
+                if of == board {
+                    let pair = Pair::rendered(width, height, disparities);
+                    let presets = presets.iter();
+                    cases.extend(presets.map(|&p| (board, firmware.clone(), pair.clone(), p)));
+                }
+            }
+        }
+        let bar = progress_bar(cases.len() as u64, "counting instructions");
+        let rows: Result<Vec<Row>> = cases
+            .into_par_iter()
+            .map(|(board, firmware, pair, preset)| {
+                let request = pair.request(preset, 1, &[])?;
+                let clock = Clock::Instructions;
+                let (_, report) = emulator::run(&board, &firmware, &pair, &request, clock)?;
+                let sizes = Sizes::read(&firmware)?;
+                let (width, height) = pair.left.dimensions();
+                let disparities = pair.disparities.count;
+                let all = f64::from(width) * f64::from(height) * f64::from(disparities);
+                let stages: Vec<_> = Stage::ALL
+                    .into_iter()
+                    .zip(report.instructions)
+                    .filter(|&(stage, _)| stage != Stage::Files)
+                    .collect();
+                let total: u64 = stages.iter().map(|&(_, instructions)| instructions).sum();
+                let each = |instructions: u64| thousandths(instructions as f64 / all);
+                bar.inc(1);
+                Ok(Row {
+                    board: board.name,
+                    preset: preset.name(),
+                    width,
+                    height,
+                    disparities,
+                    instructions_per_pixel_disparity: each(total),
+                    stages: stages.iter().map(|&(s, n)| (s.name(), each(n))).collect(),
+                    static_ram_bytes: sizes.statics_bytes + u64::from(report.working_bytes),
+                    stack_bytes: report.stack_bytes,
+                    flash_bytes: sizes.flash_bytes,
+                })
+            })
+            .collect();
+        bar.finish_and_clear();
+        let boards = rows?;
+        if self.json {
+            return Ok(format!("{}\n", serde_json::to_string(&Rows { boards })?));
+        }
+        Ok(as_text(&boards))
+    }
+}
+
+fn thousandths(value: f64) -> f64 {
+    (value * 1e3).round() / 1e3
+}
+
+fn as_text(rows: &[Row]) -> String {
+    let header = [
+        "board",
+        "preset",
+        "size",
+        "total",
+        "sampling",
+        "masks",
+        "Hamming",
+        "aggregation,\nselection",
+        "surfaces,\nmedians",
+        "checks,\nrest",
+        "per line",
+        "RAM KiB",
+        "stack KiB",
+        "flash KiB",
+    ];
+    let mut table = table(&header, 3);
+    for row in rows {
+        let per_line = row.instructions_per_pixel_disparity
+            * f64::from(row.width)
+            * f64::from(row.disparities);
+        let mut cells = vec![
+            row.board.to_owned(),
+            row.preset.to_owned(),
+            format!("{}x{}x{}", row.width, row.height, row.disparities),
+            format!("{:.1}", row.instructions_per_pixel_disparity),
+        ];
+        cells.extend(row.stages.iter().map(|(_, each)| format!("{each:.1}")));
+        let kib = |bytes: u64| usize::try_from(bytes).map_or_else(|_| String::new(), kib);
+        cells.extend([
+            format!("{per_line:.0}"),
+            kib(row.static_ram_bytes),
+            kib(row.stack_bytes.into()),
+            kib(row.flash_bytes),
+        ]);
+        table.add_row(cells);
+    }
+    format!(
+        "{table}\ninstructions (not cycles) per pixel and disparity, in all and per stage; built-in scene, grey\n"
+    )
+}

@@ -1,0 +1,148 @@
+//! `cargo firmware run`: a pair of images through a board.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+use vgstereo_core::camera::PixelFormat;
+use vgstereo_core::disparity::DisparityRange;
+use vgstereo_core::preset::Preset;
+use vgstereo_firmware::faults::{Fault, NotAFault};
+use vgstereo_sim::commands::parse_preset;
+use vgstereo_sim::disparity_files::DisparityFormat;
+use vgstereo_sim::files::{read_image, write_files};
+
+use super::parse_board;
+use crate::board::Board;
+use crate::build::build;
+use crate::elf::Sizes;
+use crate::emulator::{self, Clock};
+use crate::pair::Pair;
+use crate::toolchain::ensure_complete;
+
+/// Arguments of `run`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Without images, the built-in scene at 160x120 px. A fault is FRAME:LINE:KIND, \
+    the first frame being 0: dropped-line, duplicated-line, lost-sync, truncated, \
+    duplicated-frame, overrun, sync-error, short-line, short-frame, timeout, bus-error, \
+    other-error.\n\nExample: cargo firmware run --board stm32f405 --scene teddy --preset micro \
+    --fault 0:20:overrun --out disparity.png"
+)]
+pub struct Run {
+    /// The board: stm32f405, mps2-an500, riscv-virt or riscv-virt-zbb.
+    #[arg(long, value_name = "B", value_parser = parse_board)]
+    board: Board,
+    /// Left image: PNG, PPM, PGM or JPEG, rectified.
+    #[arg(long, value_name = "FILE", requires = "right")]
+    left: Option<PathBuf>,
+    /// Right image, of the same size.
+    #[arg(long, value_name = "FILE", requires = "left")]
+    right: Option<PathBuf>,
+    /// Scene, a folder as `vgstereo eval` reads them; a small board gets it in grey and
+    /// half as large.
+    #[arg(long, value_name = "DIR", conflicts_with = "left")]
+    scene: Option<PathBuf>,
+    /// Preset; `vgstereo presets` lists them.
+    #[arg(long, value_name = "P", default_value_t = Preset::Lite, value_parser = parse_preset)]
+    preset: Preset,
+    /// Largest disparity to search, px [default: 31, or the scene's].
+    #[arg(long, value_name = "N")]
+    d_max: Option<u16>,
+    /// Send colour rather than grey [default for a scene on a board that is not small].
+    #[arg(long)]
+    colour: bool,
+    /// Whole frames to wait for; the last one is written.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    frames: u32,
+    /// A fault of the camera; may be repeated.
+    #[arg(long, value_name = "FAULT", value_parser = parse_fault)]
+    fault: Vec<Fault>,
+    /// Disparity map to write: .png or .pgm (value = disparity x scale, 0 = none), or .pfm
+    /// (px, infinity = none).
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+}
+
+/// Disparities searched unless it is said otherwise.
+const DEFAULT_DISPARITIES: u16 = 32;
+
+impl Run {
+    /// Runs the board and writes the map.
+    ///
+    /// # Errors
+    /// One line that names the file or option and the reason.
+    pub fn run(self) -> Result<String> {
+        ensure!(self.frames > 0, "--frames must be at least 1");
+        let mut pair = self.pair()?;
+        if let Some(d_max) = self.d_max {
+            pair.disparities = DisparityRange::up_to(d_max);
+        }
+        if self.colour {
+            pair.format = PixelFormat::Rgb888;
+        }
+        let format = DisparityFormat::choose(&self.out, None, pair.disparities)?;
+        let request = pair.request(self.preset, self.frames, &self.fault)?;
+        request.config().validate()?;
+        ensure_complete(&[self.board])?;
+        let firmware = build(&self.board)?;
+        let (needed, lent) = (request.working_bytes(), Sizes::read(&firmware)?.lent_bytes);
+        ensure!(
+            needed <= lent,
+            "{} at {} takes {needed} bytes of memory, {} lends {lent}",
+            self.preset,
+            pair.size(),
+            self.board.name
+        );
+        let (frames, report) = emulator::run(&self.board, &firmware, &pair, &request, Clock::Host)?;
+        let (width, height) = pair.left.dimensions();
+        let all_q4 = frames.disparities_q4();
+        let last_q4 = all_q4.chunks_exact(width as usize * height as usize).last();
+        let last_q4 = last_q4.with_context(|| format!("{} gave no frame", self.board.name))?;
+        write_files(&[(&self.out, format.encode(last_q4, width)?)])?;
+        let mut text = format!(
+            "{}: {} on {} {}, {} bytes of working memory, {} bytes of stack\n",
+            self.board.name,
+            self.preset,
+            pair.name,
+            pair.size(),
+            report.working_bytes,
+            report.stack_bytes
+        );
+        for (name, count) in report.counters().filter(|&(_, count)| count > 0) {
+            writeln!(text, "{name} {count}")?;
+        }
+        writeln!(text, "wrote {}", self.out.display())?;
+        Ok(text)
+    }
+}
+
+impl Run {
+    fn pair(&self) -> Result<Pair> {
+        if let Some(folder) = &self.scene {
+            return Pair::load(folder, &self.board);
+        }
+        let (Some(left), Some(right)) = (&self.left, &self.right) else {
+            return Ok(Pair::rendered(160, 120, DEFAULT_DISPARITIES));
+        };
+        let pair = Pair {
+            name: left.display().to_string(),
+            left: read_image(left)?.into_rgb8(),
+            right: read_image(right)?.into_rgb8(),
+            format: PixelFormat::Grey8,
+            disparities: DisparityRange::up_to(DEFAULT_DISPARITIES - 1),
+        };
+        ensure!(
+            pair.left.dimensions() == pair.right.dimensions(),
+            "{} and {} differ in size",
+            left.display(),
+            right.display()
+        );
+        Ok(pair)
+    }
+}
+
+fn parse_fault(text: &str) -> Result<Fault, String> {
+    text.parse().map_err(|error: NotAFault| error.to_string())
+}

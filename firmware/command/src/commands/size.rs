@@ -1,0 +1,71 @@
+//! `cargo firmware size`: what was linked.
+
+use anyhow::Result;
+use clap::Args;
+use serde::Serialize;
+use vgstereo_sim::commands::table;
+
+use super::Selection;
+use crate::build::build;
+use crate::elf::Sizes;
+use crate::toolchain::ensure_complete;
+
+/// Arguments of `size`.
+#[derive(Debug, Args)]
+pub struct Size {
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    selection: Selection,
+}
+
+#[derive(Debug, Serialize)]
+struct Row {
+    board: &'static str,
+    flash_bytes: u64,
+    statics_bytes: u64,
+    lent_bytes: usize,
+}
+
+#[derive(Debug, Serialize)]
+struct Rows {
+    boards: Vec<Row>,
+}
+
+impl Size {
+    /// Builds and measures.
+    ///
+    /// # Errors
+    /// One line that says what is missing or does not build.
+    pub fn run(self) -> Result<String> {
+        let selected = self.selection.boards();
+        ensure_complete(&selected)?;
+        let mut boards = Vec::new();
+        for board in selected {
+            let sizes = Sizes::read(&build(&board)?)?;
+            boards.push(Row {
+                board: board.name,
+                flash_bytes: sizes.flash_bytes,
+                statics_bytes: sizes.statics_bytes,
+                lent_bytes: sizes.lent_bytes,
+            });
+        }
+        if self.json {
+            return Ok(format!("{}\n", serde_json::to_string(&Rows { boards })?));
+        }
+        let header = ["board", "flash", "statics", "lent to the matcher"];
+        let mut table = table(&header, 1);
+        for row in boards {
+            table.add_row([
+                row.board.to_owned(),
+                row.flash_bytes.to_string(),
+                row.statics_bytes.to_string(),
+                row.lent_bytes.to_string(),
+            ]);
+        }
+        Ok(format!(
+            "{table}\nbytes; flash holds every preset, and the files and reports of the emulator\n"
+        ))
+    }
+}

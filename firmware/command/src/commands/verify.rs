@@ -1,0 +1,140 @@
+//! `cargo firmware verify`: boards against the host, byte for byte.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, ensure};
+use clap::Args;
+use rayon::prelude::*;
+use vgstereo_core::preset::Preset;
+use vgstereo_sim::commands::{progress_bar, table};
+
+use super::Selection;
+use crate::board::Board;
+use crate::build::build;
+use crate::elf::Sizes;
+use crate::emulator::{self, Clock};
+use crate::host;
+use crate::pair::Pair;
+use crate::toolchain::ensure_complete;
+
+/// The scenes of `MIDDLEBURY_DIR`.
+const SCENES: [&str; 4] = ["tsukuba", "venus", "teddy", "cones"];
+
+/// Arguments of `verify`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Every preset that fits a board's memory, on the built-in scene and, where the \
+    environment variable MIDDLEBURY_DIR names their folder, on Tsukuba, Venus, Teddy and Cones: \
+    in grey and half as large on a small board, whole and in colour on the others."
+)]
+pub struct Verify {
+    /// Only the first N lines of each pair: all of the firmware in less time.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    lines: Option<u32>,
+    #[command(flatten)]
+    selection: Selection,
+}
+
+/// A board, a pair and a preset.
+struct Case {
+    board: Board,
+    firmware: PathBuf,
+    pair: Pair,
+    preset: Preset,
+}
+
+impl Verify {
+    /// Compares all cases.
+    ///
+    /// # Errors
+    /// One line that names the first case in which board and host differ, or what is missing.
+    pub fn run(self) -> Result<String> {
+        let boards = self.selection.boards();
+        ensure_complete(&boards)?;
+        let folder = std::env::var_os("MIDDLEBURY_DIR").map(PathBuf::from);
+        let mut cases = Vec::new();
+        for board in boards {
+            let firmware = build(&board)?;
+            let lent_bytes = Sizes::read(&firmware)?.lent_bytes;
+            for pair in self.pairs(&board, folder.as_deref())? {
+                for preset in Preset::ALL {
+                    if pair.request(preset, 1, &[])?.working_bytes() <= lent_bytes {
+                        cases.push(Case {
+                            board,
+                            firmware: firmware.clone(),
+                            pair: pair.clone(),
+                            preset,
+                        });
+                    }
+                }
+            }
+        }
+        let bar = progress_bar(cases.len() as u64, "boards against the host");
+        let compared: Result<Vec<()>> = cases
+            .par_iter()
+            .map(|case| {
+                let compared = case.compare();
+                bar.inc(1);
+                compared
+            })
+            .collect();
+        bar.finish_and_clear();
+        compared?;
+
+        let mut table = table(&["board", "scene", "size", "identical with"], 4);
+        for rows in cases.chunk_by(|a, b| {
+            (a.board, &a.pair.name, a.pair.size()) == (b.board, &b.pair.name, b.pair.size())
+        }) {
+            if let [first, ..] = rows {
+                let presets: Vec<_> = rows.iter().map(|case| case.preset.name()).collect();
+                table.add_row([
+                    first.board.name.to_owned(),
+                    first.pair.name.clone(),
+                    first.pair.size(),
+                    presets.join(", "),
+                ]);
+            }
+        }
+        let note = match folder {
+            Some(_) => "",
+            None => "MIDDLEBURY_DIR is not set: the built-in scene alone\n",
+        };
+        Ok(format!("{table}\n{note}"))
+    }
+
+    /// What a board is verified on.
+    fn pairs(&self, board: &Board, folder: Option<&Path>) -> Result<Vec<Pair>> {
+        let mut pairs = vec![Pair::rendered(160, 120, 32), Pair::rendered(320, 240, 48)];
+        for scene in SCENES {
+            if let Some(folder) = folder {
+                pairs.push(Pair::load(&folder.join(scene), board)?);
+            }
+        }
+        if let Some(lines) = self.lines {
+            for pair in &mut pairs {
+                pair.cut(lines);
+            }
+        }
+        Ok(pairs)
+    }
+}
+
+impl Case {
+    fn compare(&self) -> Result<()> {
+        let request = self.pair.request(self.preset, 1, &[])?;
+        let clock = Clock::Host;
+        let (board, _) = emulator::run(&self.board, &self.firmware, &self.pair, &request, clock)?;
+        let (host, _) = host::run(&self.pair, &request)?;
+        let difference = host::first_difference(&board, &host, self.pair.left.width());
+        ensure!(
+            difference.is_none(),
+            "{}, {} {}, {}: {}",
+            self.board.name,
+            self.pair.name,
+            self.pair.size(),
+            self.preset,
+            difference.unwrap_or_default()
+        );
+        Ok(())
+    }
+}

@@ -1,0 +1,54 @@
+//! Sizes of what was linked.
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use object::elf::PT_LOAD;
+use object::read::elf::{ElfFile32, FileHeader, ProgramHeader};
+use object::{Object, ObjectSection, ObjectSymbol, SectionKind};
+
+/// The symbol of the memory that a board lends.
+const LENT_MEMORY: &str = "lent_memory";
+
+/// Bytes of a board's firmware.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sizes {
+    /// Code, constants and initial values.
+    pub flash_bytes: u64,
+    /// Statics, without the lent memory.
+    pub statics_bytes: u64,
+    /// The memory that is lent to matcher and session.
+    pub lent_bytes: usize,
+}
+
+impl Sizes {
+    /// Of a linked file.
+    ///
+    /// # Errors
+    /// When the file cannot be read or is no board's firmware.
+    pub fn read(path: &Path) -> Result<Self> {
+        let bytes =
+            std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+        let file: ElfFile32 = ElfFile32::parse(&*bytes)
+            .with_context(|| format!("{} is not a 32-bit ELF file", path.display()))?;
+        let endian = file.endian();
+        let segments = file.elf_header().program_headers(endian, &*bytes)?;
+        let flash = segments.iter().filter(|s| s.p_type(endian) == PT_LOAD);
+        // The fictitious sections of heap and stack hold no symbols.
+        let ram = file.sections().filter(|section| {
+            let kind = section.kind();
+            matches!(kind, SectionKind::Data | SectionKind::UninitializedData)
+                && !matches!(section.name(), Ok(".stack" | ".heap"))
+        });
+        let lent = file
+            .symbols()
+            .find(|symbol| symbol.name() == Ok(LENT_MEMORY))
+            .with_context(|| format!("{} lends no memory", path.display()))?;
+        let lent_bytes = usize::try_from(lent.size())?;
+        Ok(Self {
+            flash_bytes: flash.map(|s| u64::from(s.p_filesz(endian))).sum(),
+            statics_bytes: ram.map(|s| s.size()).sum::<u64>() - lent.size(),
+            lent_bytes,
+        })
+    }
+}

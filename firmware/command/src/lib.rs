@@ -1,0 +1,17 @@
+//! The host's side of the firmware: boards are built, fed with images in an emulator, and
+//! held to the host's own results, byte for byte.
+//!
+//! From the bottom up: [`board`] knows the boards, [`toolchain`] finds what builds for
+//! them, [`build`] builds, [`elf`] and [`panics`] look into what was linked; [`pair`]
+//! prepares images, [`emulator`] runs a board on them and [`host`] the same here;
+//! [`commands`] are the verbs of `cargo firmware`.
+
+pub mod board;
+pub mod build;
+pub mod commands;
+pub mod elf;
+pub mod emulator;
+pub mod host;
+pub mod pair;
+pub mod panics;
+pub mod toolchain;

@@ -1,0 +1,135 @@
+//! Panics that the pipeline could still reach in what was linked.
+//!
+//! The boards are linked with their relocations, which show every call, and with line
+//! tables, which tell what source a call was inlined from.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use addr2line::Context as Lines;
+use addr2line::gimli::{Dwarf, EndianSlice, LittleEndian};
+use anyhow::{Context, Result, ensure};
+use object::read::elf::ElfFile32;
+use object::{Object, ObjectSection, ObjectSymbol, RelocationTarget, SectionKind, SymbolKind};
+
+/// Sources of the pipeline.
+const PIPELINE: [&str; 2] = ["/core/src/", "/firmware/src/"];
+
+/// Sources of what reads the command line, holds the files and writes the report.
+const AROUND: [&str; 3] = [
+    "/firmware/src/faults.rs",
+    "/firmware/emulated/src/",
+    "/firmware/boards/",
+];
+
+/// The language's own library, whose folders look like ours.
+const LIBRARY: &str = "/library/";
+
+/// Names that all panic functions have a part of.
+const PANIC: &str = "panicking";
+
+/// A call in the linked code.
+struct Call {
+    /// The function that it stands in.
+    from: String,
+    /// The function that is called.
+    to: String,
+    /// The source lines it was inlined from, innermost first.
+    lines: Vec<String>,
+}
+
+/// The calls by which the pipeline reaches a panic function, with their source lines. A call
+/// belongs to the innermost of our own sources that it was inlined from; one in a function
+/// of another crate to whoever calls that.
+///
+/// # Errors
+/// When the file cannot be read or shows no such call at all, not even around the pipeline.
+pub fn of_pipeline(path: &Path) -> Result<Vec<String>> {
+    let calls = calls(path)?;
+    let is_of = |line: &str, sources: &[&str]| {
+        !line.contains(LIBRARY) && sources.iter().any(|source| line.contains(source))
+    };
+    let mut found = BTreeSet::new();
+    let mut panicking: BTreeSet<&str> = calls
+        .iter()
+        .map(|call| call.to.as_str())
+        .filter(|name| name.contains(PANIC))
+        .collect();
+    // Reading the command line has some.
+    ensure!(
+        !panicking.is_empty(),
+        "{} shows no call of a panic function at all",
+        path.display()
+    );
+    loop {
+        let known = panicking.len();
+        for call in &calls {
+            if !panicking.contains(call.to.as_str()) {
+                continue;
+            }
+            let mut lines = call.lines.iter();
+            match lines.find(|line| is_of(line, &PIPELINE) || is_of(line, &AROUND)) {
+                Some(line) if is_of(line, &AROUND) => {}
+                Some(_) => {
+                    found.insert(format!("{}: {}", call.to, call.lines.join(", ")));
+                }
+                None => {
+                    panicking.insert(&call.from);
+                }
+            }
+        }
+        if panicking.len() == known {
+            return Ok(found.into_iter().collect());
+        }
+    }
+}
+
+fn calls(path: &Path) -> Result<Vec<Call>> {
+    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let file: ElfFile32 = ElfFile32::parse(&*bytes)
+        .with_context(|| format!("{} is not a 32-bit ELF file", path.display()))?;
+    // Read as they are: what was linked needs no relocation any more.
+    let dwarf = Dwarf::load(|section| {
+        let section = file.section_by_name(section.name());
+        let bytes = section.map_or(Ok(&[][..]), |section| section.data())?;
+        object::Result::Ok(EndianSlice::new(bytes, LittleEndian))
+    })?;
+    let lines = Lines::from_dwarf(dwarf)?;
+    let functions: BTreeMap<u64, &str> = file
+        .symbols()
+        .filter(|symbol| symbol.kind() == SymbolKind::Text && symbol.size() > 0)
+        // Bit 0 tells Thumb code.
+        .filter_map(|symbol| Some((symbol.address() & !1, symbol.name().ok()?)))
+        .collect();
+    let mut calls = Vec::new();
+    for section in file.sections().filter(|s| s.kind() == SectionKind::Text) {
+        for (at, relocation) in section.relocations() {
+            let RelocationTarget::Symbol(index) = relocation.target() else {
+                continue;
+            };
+            let target = file.symbol_by_index(index)?;
+            let from = functions.range(..=at).next_back();
+            let (Ok(to), Some((_, from))) = (target.name(), from) else {
+                continue;
+            };
+            calls.push(Call {
+                from: (*from).to_owned(),
+                to: to.to_owned(),
+                lines: source_lines(&lines, at)?,
+            });
+        }
+    }
+    Ok(calls)
+}
+
+fn source_lines(lines: &Lines<EndianSlice<'_, LittleEndian>>, address: u64) -> Result<Vec<String>> {
+    let mut frames = lines.find_frames(address).skip_all_loads()?;
+    let mut found = Vec::new();
+    while let Some(frame) = frames.next()? {
+        if let Some(location) = frame.location {
+            let line = location.line.unwrap_or(0);
+            found.push(format!("{}:{line}", location.file.unwrap_or("?")));
+        }
+    }
+    Ok(found)
+}

@@ -1,0 +1,185 @@
+//! What builds for the boards and emulates them: found by looking.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, Result, bail, ensure};
+
+use crate::board::Board;
+
+/// Debian's compiler, which comes with the source of the library.
+const DEBIAN_COMPILER: &str = "/usr/bin/rustc";
+const DEBIAN_LIBRARY: &str = "/usr/lib/rustlib/src/rust/library/core/src/lib.rs";
+const DEBIAN_COMPILER_PACKAGES: [&str; 2] = ["rustc-web", "rust-web-src"];
+
+/// A compiler for a target.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Toolchain {
+    /// Cargo's own, with the target installed by rustup.
+    Rustup,
+    /// Debian's, which builds the library from its source.
+    Debian {
+        /// The linker.
+        linker: PathBuf,
+    },
+}
+
+impl Toolchain {
+    /// The toolchain for a target, if there is one.
+    ///
+    /// # Errors
+    /// When there is no Rust compiler at all.
+    pub fn find(target: &str) -> Result<Option<Self>> {
+        let libraries = sysroot()?.join("lib/rustlib");
+        if libraries.join(target).is_dir() {
+            return Ok(Some(Self::Rustup));
+        }
+        let debian = Path::new(DEBIAN_COMPILER).is_file() && Path::new(DEBIAN_LIBRARY).is_file();
+        if !debian {
+            return Ok(None);
+        }
+        Ok(linker(&libraries)?.map(|linker| Self::Debian { linker }))
+    }
+}
+
+/// LLVM's linker: the one that Rust's own toolchain brings, or another on the path.
+fn linker(libraries: &Path) -> Result<Option<PathBuf>> {
+    let entries = std::fs::read_dir(libraries)
+        .with_context(|| format!("cannot read {}", libraries.display()))?;
+    let own = entries
+        .flatten()
+        .map(|host| host.path().join("bin/rust-lld"));
+    let mut all = own.chain(["rust-lld", "ld.lld"].into_iter().filter_map(program));
+    Ok(all.find(|path| path.is_file()))
+}
+
+/// The folder of the compiler that cargo uses.
+fn sysroot() -> Result<PathBuf> {
+    let compiler = std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
+    let output = Command::new(&compiler)
+        .args(["--print", "sysroot"])
+        .output();
+    let output = output.with_context(|| format!("cannot run {}", compiler.display()))?;
+    ensure!(
+        output.status.success(),
+        "{} does not tell its folder",
+        compiler.display()
+    );
+    let path = String::from_utf8(output.stdout).context("the compiler's folder is not UTF-8")?;
+    Ok(path.trim_end().into())
+}
+
+/// A program on the path.
+fn program(name: &str) -> Option<PathBuf> {
+    let folders = std::env::var_os("PATH")?;
+    let mut all = std::env::split_paths(&folders).map(|folder| folder.join(name));
+    all.find(|path| path.is_file())
+}
+
+/// Something that a board needs.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Need {
+    /// What it is.
+    pub what: String,
+    /// Where it was found.
+    pub found: Option<String>,
+    /// How else than with `setup --install` it is installed.
+    pub remedy: String,
+    /// Debian's packages of it.
+    pub packages: Vec<&'static str>,
+}
+
+/// What a set of boards needs, each need once.
+///
+/// # Errors
+/// When there is no Rust compiler at all.
+pub fn needs(boards: &[Board]) -> Result<Vec<Need>> {
+    let targets: BTreeSet<_> = boards.iter().map(|board| board.target).collect();
+    let emulators: BTreeSet<_> = boards.iter().map(|board| board.emulator).collect();
+    let mut needs = Vec::new();
+    for target in targets {
+        let found = Toolchain::find(target)?.map(|toolchain| match toolchain {
+            Toolchain::Rustup => "installed by rustup".to_owned(),
+            Toolchain::Debian { linker } => {
+                format!(
+                    "{DEBIAN_COMPILER} with library source, {}",
+                    linker.display()
+                )
+            }
+        });
+        let mut packages = DEBIAN_COMPILER_PACKAGES.to_vec();
+        if linker(&sysroot()?.join("lib/rustlib"))?.is_none() {
+            packages.push("lld");
+        }
+        needs.push(Need {
+            what: format!("Rust for {target}"),
+            found,
+            remedy: format!("rustup target add {target}"),
+            packages,
+        });
+    }
+    for emulator in emulators {
+        let package = match emulator {
+            "qemu-system-arm" => "qemu-system-arm",
+            _ => "qemu-system-misc",
+        };
+        needs.push(Need {
+            what: emulator.to_owned(),
+            found: program(emulator).map(|path| path.display().to_string()),
+            remedy: "install QEMU".to_owned(),
+            packages: vec![package],
+        });
+    }
+    Ok(needs)
+}
+
+/// Refuses boards for which something is missing.
+///
+/// # Errors
+/// One line that names what is missing and how to install it.
+pub fn ensure_complete(boards: &[Board]) -> Result<()> {
+    let mut missing = needs(boards)?;
+    missing.retain(|need| need.found.is_none());
+    if missing.is_empty() {
+        return Ok(());
+    }
+    let named: Vec<_> = missing
+        .iter()
+        .map(|need| format!("{} ({})", need.what, need.remedy))
+        .collect();
+    bail!(
+        "missing: {}; on Debian, cargo firmware setup --install installs all",
+        named.join(", ")
+    )
+}
+
+/// Installs what is missing, on Debian.
+///
+/// # Errors
+/// When `apt-get` is not there or fails.
+pub fn install(boards: &[Board]) -> Result<()> {
+    let missing = needs(boards)?
+        .into_iter()
+        .filter(|need| need.found.is_none());
+    let packages: BTreeSet<_> = missing.flat_map(|need| need.packages).collect();
+    if packages.is_empty() {
+        return Ok(());
+    }
+    apt_get(&["update", "-qq"])?;
+    let mut arguments = vec!["install", "-qq", "--yes", "--no-install-recommends"];
+    arguments.extend(packages);
+    apt_get(&arguments)
+}
+
+fn apt_get(arguments: &[&str]) -> Result<()> {
+    let status = Command::new("apt-get")
+        .args(arguments)
+        .env("DEBIAN_FRONTEND", "noninteractive")
+        // Standard output is for results.
+        .stdout(std::io::stderr())
+        .status();
+    let status = status.context("cannot run apt-get: --install is for Debian")?;
+    ensure!(status.success(), "apt-get {} failed", arguments.join(" "));
+    Ok(())
+}

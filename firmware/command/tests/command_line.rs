@@ -1,0 +1,80 @@
+//! The verbs from outside: one line of error and code 2 for whatever is wrong.
+
+use assert_cmd::Command;
+
+fn firmware(arguments: &[&str]) -> Command {
+    let mut command = Command::cargo_bin("vgstereo-boards").unwrap();
+    command.args(arguments);
+    command
+}
+
+/// What standard error says, which must be one line, with code 2 and nothing printed.
+fn refusal(arguments: &[&str]) -> String {
+    let output = firmware(arguments).assert().code(2).get_output().clone();
+    assert!(output.stdout.is_empty(), "{arguments:?}");
+    let error = String::from_utf8(output.stderr).unwrap();
+    let lines: Vec<_> = error.lines().collect();
+    let [line] = lines[..] else {
+        panic!("{arguments:?}: {error}");
+    };
+    line.to_owned()
+}
+
+#[test]
+fn help_names_every_verb_and_option() {
+    let output = firmware(&["--help"])
+        .assert()
+        .success()
+        .get_output()
+        .clone();
+    let help = String::from_utf8(output.stdout).unwrap();
+    for verb in ["setup", "build", "run", "verify", "bench", "size"] {
+        assert!(help.contains(&format!("  {verb}  ")), "{verb}: {help}");
+    }
+    let output = firmware(&["run", "--help"])
+        .assert()
+        .success()
+        .get_output()
+        .clone();
+    let help = String::from_utf8(output.stdout).unwrap();
+    for kind in vgstereo_firmware::faults::FaultKind::ALL {
+        assert!(help.contains(kind.name()), "{}: {help}", kind.name());
+    }
+}
+
+#[test]
+fn what_is_wrong_is_said_on_one_line() {
+    let run = |arguments: &[&str]| {
+        let always = ["run", "--board", "stm32f405", "--out", "never.png"];
+        refusal(&[&always, arguments].concat())
+    };
+    for (error, words) in [
+        (
+            refusal(&["build", "--board", "nothing"]),
+            "stm32f405, mps2-an500",
+        ),
+        (refusal(&["flash"]), "flash"),
+        (refusal(&["run", "--board", "stm32f405"]), "--out"),
+        (run(&["--preset", "best"]), "lite, micro"),
+        (run(&["--fault", "1:2"]), "FRAME:LINE:KIND"),
+        (run(&["--left", "left.png"]), "--right"),
+        (
+            run(&["--left", "absent.png", "--right", "absent.png"]),
+            "absent.png",
+        ),
+        (run(&["--scene", "absent"]), "absent"),
+        (run(&["--frames", "0"]), "--frames"),
+        (run(&["--d-max", "160"]), "disparities"),
+        (
+            refusal(&["run", "--board", "stm32f405", "--out", "never.txt"]),
+            ".png",
+        ),
+        (refusal(&["verify", "--lines", "0"]), "--lines"),
+    ] {
+        assert!(
+            error.starts_with("error: ") && error.contains(words),
+            "{error}"
+        );
+    }
+    assert!(!std::path::Path::new("never.png").exists());
+}

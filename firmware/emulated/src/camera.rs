@@ -1,0 +1,88 @@
+//! A camera whose lines come from a file of the host, for ever the same frame.
+
+use semihosting::fs::File;
+use semihosting::io::{Read, Seek, SeekFrom};
+use vgstereo_core::camera::{ErrorKind, ErrorType, Geometry, LinePair, LinePairSource};
+use vgstereo_firmware::faults::Rewind;
+
+/// Reads pairs of lines, each when it is asked for: no more than a pair is ever in memory.
+/// Frames are numbered from 0; lines have no time.
+#[derive(Debug)]
+pub struct FileCamera {
+    lines: File,
+    geometry: Geometry,
+    frame: u32,
+    line: u32,
+}
+
+impl FileCamera {
+    /// A camera that sends what is in [`LINES_FILE`](crate::LINES_FILE).
+    #[must_use]
+    pub fn new(lines: File, geometry: Geometry) -> Self {
+        Self {
+            lines,
+            geometry,
+            frame: 0,
+            line: 0,
+        }
+    }
+
+    fn read(&mut self, mut line: &mut [u8]) -> Result<(), ErrorKind> {
+        // Each read brings at least a byte or is the last one.
+        while !line.is_empty() {
+            let bytes = self.lines.read(line).map_err(|_| ErrorKind::Bus)?;
+            if bytes == 0 {
+                return Err(ErrorKind::ShortFrame);
+            }
+            line = line.get_mut(bytes..).unwrap_or_default();
+        }
+        Ok(())
+    }
+}
+
+impl ErrorType for FileCamera {
+    type Error = ErrorKind;
+}
+
+impl LinePairSource for FileCamera {
+    fn geometry(&self) -> Geometry {
+        self.geometry
+    }
+
+    // Not inlined: what semihosting asserts is then not taken for the pipeline's.
+    #[inline(never)]
+    fn read_pair(&mut self, left: &mut [u8], right: &mut [u8]) -> Result<LinePair, ErrorKind> {
+        let line_bytes = self.geometry.line_bytes();
+        if left.len() != line_bytes || right.len() != line_bytes {
+            return Err(ErrorKind::Other);
+        }
+        let pair = LinePair {
+            frame: self.frame,
+            line: self.line,
+            timestamp_us: 0,
+            dropped: 0,
+        };
+        self.line += 1;
+        if self.line >= self.geometry.height {
+            self.line = 0;
+            self.frame = self.frame.wrapping_add(1);
+        }
+        let start = u64::from(pair.line) * 2 * line_bytes as u64;
+        let at_line = self.lines.seek(SeekFrom::Start(start));
+        at_line.map_err(|_| ErrorKind::Bus)?;
+        self.read(left)?;
+        self.read(right)?;
+        Ok(pair)
+    }
+}
+
+impl Rewind for FileCamera {
+    fn rewind(&mut self, pairs: u32) {
+        for _ in 0..pairs {
+            self.line = self.line.checked_sub(1).unwrap_or_else(|| {
+                self.frame = self.frame.wrapping_sub(1);
+                self.geometry.height.saturating_sub(1)
+            });
+        }
+    }
+}

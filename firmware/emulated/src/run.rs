@@ -1,0 +1,118 @@
+//! The run: request, camera, session, sink, report.
+
+use core::fmt::{self, Write};
+use core::mem::MaybeUninit;
+
+use semihosting::fs::File;
+use semihosting::process;
+use semihosting::sys::arm_compat::sys_get_cmdline_uninit;
+use vgstereo_core::kernel::Kernels;
+use vgstereo_core::matcher::Matcher;
+use vgstereo_firmware::faults::FaultyCamera;
+use vgstereo_firmware::session::{self, ATTEMPT_FRAMES};
+use vgstereo_firmware::{Event, Session};
+
+use crate::camera::FileCamera;
+use crate::meter::{Counter, Meter, Metered, Stage};
+use crate::report::Report;
+use crate::request::Request;
+use crate::sink::{self, FileSink};
+use crate::stack::Stack;
+use crate::{CONFIDENCES_FILE, DISPARITIES_FILE, LINES_FILE, REPORT_FILE};
+
+/// Longest command line.
+const COMMAND_LINE_BYTES: usize = 1024;
+
+/// Does what the command line asks for, in lent memory, and ends the emulation.
+pub fn run<C: Counter>(
+    counter: C,
+    kernels: impl Kernels,
+    memory: &'static mut [u32],
+    stack: Stack,
+) -> ! {
+    let Ok(file) = File::create(REPORT_FILE) else {
+        process::exit(1);
+    };
+    let mut text = Text(file);
+    let written = match serve(counter, kernels, memory) {
+        Ok(report) => write!(
+            text,
+            "{}",
+            Report {
+                stack_bytes: stack.worst_bytes() as u32,
+                ..report
+            }
+        ),
+        Err(Refusal(reason)) => writeln!(text, "error {reason}"),
+    };
+    process::exit(written.is_err().into())
+}
+
+/// Why a request is not served.
+struct Refusal(&'static str);
+
+fn serve<C: Counter>(
+    counter: C,
+    kernels: impl Kernels,
+    memory: &'static mut [u32],
+) -> Result<Report, Refusal> {
+    let request = read_request().ok_or(Refusal("the command line is not a request"))?;
+    let geometry = request.geometry;
+    let config = request.config();
+    let meter = Meter::new(counter);
+    let line_words = session::memory_words(&geometry);
+    let (lines, memory) = memory
+        .split_at_mut_checked(line_words)
+        .ok_or(Refusal("the lines do not fit the lent memory"))?;
+    let matcher = Matcher::new(&config, Metered::new(kernels, &meter), memory);
+    let matcher = matcher.map_err(|_| Refusal("the matcher refuses the configuration"))?;
+
+    let file_error = |_| Refusal("a file cannot be opened");
+    let camera = FileCamera::new(File::open(LINES_FILE).map_err(file_error)?, geometry);
+    let camera = FaultyCamera::new(camera, &request.faults);
+    let sink = FileSink::new(
+        File::create(DISPARITIES_FILE).map_err(file_error)?,
+        File::create(CONFIDENCES_FILE).map_err(file_error)?,
+    );
+    let camera = Metered::new(camera, &meter);
+    let sink = Metered::new(sink, &meter);
+    let session = Session::new(camera, matcher, sink, lines);
+    let mut session = session.map_err(|_| Refusal("the session refuses the camera"))?;
+
+    let reads = request.frames.saturating_add(request.faults.len() as u32);
+    let reads = reads.saturating_mul(ATTEMPT_FRAMES * geometry.height);
+    let mut frames = 0;
+    for _ in 0..reads {
+        if frames == request.frames {
+            break;
+        }
+        let event = meter.measure(Stage::ChecksAndRest, || session.step());
+        if let Event::FrameDone { .. } = event.map_err(|_| Refusal("the sink failed"))? {
+            frames += 1;
+        }
+    }
+    Ok(Report {
+        statistics: session.statistics(),
+        instructions: meter.instructions(),
+        working_bytes: request.working_bytes() as u32,
+        stack_bytes: 0,
+    })
+}
+
+fn read_request() -> Option<Request> {
+    let mut buffer = [MaybeUninit::uninit(); COMMAND_LINE_BYTES];
+    let words = sys_get_cmdline_uninit(&mut buffer).ok()?;
+    let words = core::str::from_utf8(words).ok()?;
+    // The first word is the program's name.
+    let (_, words) = words.split_once(' ')?;
+    words.parse().ok()
+}
+
+/// A file as text.
+struct Text(File);
+
+impl Write for Text {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        sink::write(&mut self.0, text.as_bytes()).map_err(|_| fmt::Error)
+    }
+}

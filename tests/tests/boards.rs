@@ -1,0 +1,190 @@
+//! Emulated boards: the host's bytes, exact counters under faults, repeatable counts.
+//!
+//! Runs where a board's compiler and emulator are installed (`cargo firmware setup`); the
+//! others are listed as ignored.
+
+use libtest_mimic::{Arguments, Failed, Trial};
+use rand_core::{Rng, SeedableRng};
+use rand_pcg::Pcg32;
+use vgstereo_boards::board::{Board, MPS2_AN500, STM32F405};
+use vgstereo_boards::build::build;
+use vgstereo_boards::elf::Sizes;
+use vgstereo_boards::emulator::{self, Clock};
+use vgstereo_boards::pair::Pair;
+use vgstereo_boards::{host, panics, toolchain};
+use vgstereo_core::camera::PixelFormat;
+use vgstereo_core::preset::Preset;
+use vgstereo_firmware::faults::{Fault, FaultKind};
+
+/// Board, preset, columns, disparities, and KiB that statics and stack may take in all.
+const RAM_KIB: [(Board, Preset, u32, u16, u64); 5] = [
+    (STM32F405, Preset::Lite, 160, 32, 44),
+    (STM32F405, Preset::Lite, 320, 48, 84),
+    (STM32F405, Preset::Micro, 320, 48, 120),
+    (MPS2_AN500, Preset::Lite, 450, 60, 150),
+    (MPS2_AN500, Preset::Balanced, 450, 60, 300),
+];
+
+type BoardTest = fn(&Board) -> Result<(), Failed>;
+
+/// Of every board; ignored where something that the board needs is missing.
+const TESTS: [(&str, BoardTest); 7] = [
+    ("presets", same_bytes_with_every_preset),
+    ("faults", exact_under_every_fault),
+    ("random_faults", exact_under_random_faults),
+    ("dead_camera", a_dead_camera_ends_the_run),
+    ("counts", the_same_counts_in_every_run),
+    ("panics", no_panic_in_the_pipeline),
+    ("memory", within_the_memory_promised),
+];
+
+fn main() {
+    let mut trials = Vec::new();
+    for board in Board::ALL {
+        let absent = toolchain::ensure_complete(&[board]).is_err();
+        for (name, test) in TESTS {
+            let name = format!("{}::{name}", board.name);
+            let trial = Trial::test(name, move || test(&board));
+            trials.push(trial.with_ignored_flag(absent));
+        }
+    }
+    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+}
+
+/// The built-in scene with as many lines as every stage looks over, and some more.
+fn small_pair() -> Pair {
+    Pair::rendered(64, 40, 16)
+}
+
+fn same_bytes_with_every_preset(board: &Board) -> Result<(), Failed> {
+    let firmware = build(board).map_err(text)?;
+    for format in [PixelFormat::Grey8, PixelFormat::Rgb888] {
+        let pair = Pair {
+            format,
+            ..small_pair()
+        };
+        for preset in Preset::ALL {
+            let request = pair.request(preset, 2, &[]).map_err(text)?;
+            let ran = emulator::run(board, &firmware, &pair, &request, Clock::Host);
+            let (frames, report) = ran.map_err(text)?;
+            let (expected, statistics) = host::run(&pair, &request).map_err(text)?;
+            assert_eq!(report.statistics, statistics, "{preset} {format:?}");
+            let difference = host::first_difference(&frames, &expected, 64);
+            assert_eq!(difference, None, "{preset} {format:?}");
+            let pixels = 2 * 64 * 40;
+            let lengths = (frames.confidences.len(), frames.disparities.len());
+            assert_eq!(lengths, (pixels, 2 * pixels), "two frames");
+        }
+    }
+    Ok(())
+}
+
+fn exact_under_every_fault(board: &Board) -> Result<(), Failed> {
+    let last = small_pair().left.height() - 1;
+    for line in [0, 1, last / 2, last - 1, last] {
+        // One in every other frame.
+        let script = FaultKind::ALL.into_iter().zip((1..).step_by(2));
+        let script: Vec<_> = script
+            .map(|(kind, frame)| Fault { frame, line, kind })
+            .collect();
+        exact_under(board, &script)?;
+    }
+    Ok(())
+}
+
+fn exact_under_random_faults(board: &Board) -> Result<(), Failed> {
+    let height = small_pair().left.height();
+    for seed in 0..5 {
+        let mut generator = Pcg32::seed_from_u64(seed);
+        let mut below = |limit: u32| generator.next_u32() % limit;
+        let script: Vec<_> = (0..16)
+            .map(|_| Fault {
+                frame: below(12),
+                line: below(height),
+                kind: FaultKind::ALL[below(FaultKind::ALL.len() as u32) as usize],
+            })
+            .collect();
+        println!("seed {seed}: {script:?}");
+        exact_under(board, &script)?;
+    }
+    Ok(())
+}
+
+/// All frames that come whole are the undisturbed one; the counters are the host's.
+fn exact_under(board: &Board, script: &[Fault]) -> Result<(), Failed> {
+    let firmware = build(board).map_err(text)?;
+    let pair = small_pair();
+    let run = |frames: u32, script: &[Fault]| {
+        let request = pair.request(Preset::Lite, frames, script)?;
+        let board = emulator::run(board, &firmware, &pair, &request, Clock::Host)?;
+        anyhow::Ok((board, host::run(&pair, &request)?))
+    };
+    let ((undisturbed, _), _) = run(1, &[]).map_err(text)?;
+    // As many as are whole among the disturbed ones, and one after them.
+    let frames = script.len() as u32 + 1;
+    let ((frames, report), (expected, statistics)) = run(frames, script).map_err(text)?;
+    assert_eq!(report.statistics, statistics, "{script:?}");
+    assert!(statistics.frames_dropped > 0, "no fault has happened");
+    assert_eq!(host::first_difference(&frames, &expected, 64), None);
+    let whole = frames.disparities.chunks(undisturbed.disparities.len());
+    for (number, frame) in whole.enumerate() {
+        assert!(frame == undisturbed.disparities, "{script:?}, {number}");
+    }
+    Ok(())
+}
+
+/// Frames that always end too early: the board gives up, and says so.
+fn a_dead_camera_ends_the_run(board: &Board) -> Result<(), Failed> {
+    let firmware = build(board).map_err(text)?;
+    let pair = small_pair();
+    let mut request = pair.request(Preset::Lite, 1, &[]).map_err(text)?;
+    request.geometry.height += 1;
+    let ran = emulator::run(board, &firmware, &pair, &request, Clock::Host);
+    let (frames, report) = ran.map_err(text)?;
+    assert!(frames.disparities.is_empty());
+    let statistics = report.statistics;
+    assert_eq!((statistics.frames, statistics.short_frames), (0, 4));
+    Ok(())
+}
+
+fn the_same_counts_in_every_run(board: &Board) -> Result<(), Failed> {
+    let firmware = build(board).map_err(text)?;
+    let pair = small_pair();
+    let request = pair.request(Preset::Micro, 1, &[]).map_err(text)?;
+    let count = || emulator::run(board, &firmware, &pair, &request, Clock::Instructions);
+    let ((_, first), (_, second)) = (count().map_err(text)?, count().map_err(text)?);
+    assert_eq!(first, second);
+    assert!(first.instructions.iter().all(|&count| count > 0), "{first}");
+    Ok(())
+}
+
+fn no_panic_in_the_pipeline(board: &Board) -> Result<(), Failed> {
+    let firmware = build(board).map_err(text)?;
+    let panics = panics::of_pipeline(&firmware).map_err(text)?;
+    assert!(panics.is_empty(), "{}", panics.join("\n"));
+    Ok(())
+}
+
+fn within_the_memory_promised(board: &Board) -> Result<(), Failed> {
+    let firmware = build(board).map_err(text)?;
+    let sizes = Sizes::read(&firmware).map_err(text)?;
+    for (of, preset, width, disparities, kib) in RAM_KIB {
+        if of != *board {
+            continue;
+        }
+        // Memory does not depend on the height.
+        let pair = Pair::rendered(width, 40, disparities);
+        let request = pair.request(preset, 1, &[]).map_err(text)?;
+        let ran = emulator::run(board, &firmware, &pair, &request, Clock::Host);
+        let (_, report) = ran.map_err(text)?;
+        let bytes =
+            sizes.statics_bytes + u64::from(report.working_bytes) + u64::from(report.stack_bytes);
+        println!("{} {preset} {width}x{disparities}: {bytes} bytes", of.name);
+        assert!(bytes <= kib * 1024, "{preset} {width}: {bytes} bytes");
+    }
+    Ok(())
+}
+
+fn text(error: anyhow::Error) -> Failed {
+    format!("{error:#}").into()
+}
