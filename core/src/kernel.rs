@@ -6,9 +6,10 @@
 //! wider instruction set that was found at run time, or a chip's own instructions.
 
 use crate::aggregation::{AggregateRow, aggregate_row};
+use crate::camera::PixelFormat;
 use crate::matching::{
-    CostRun, DifferenceBlock, MaskBlock, RowRecall, cost_run, difference_block, mask_block,
-    recall_row,
+    CostRun, DifferenceBlock, LevelConversion, MaskBlock, RowRecall, convert_row, cost_run,
+    difference_block, mask_block, recall_row,
 };
 use crate::minchinton::CELLS_PER_BYTE;
 use crate::refine::{ArmsRow, WeightedMedianRow, arms_row, median9_row, weighted_median_row};
@@ -16,6 +17,30 @@ use crate::refine::{ArmsRow, WeightedMedianRow, arms_row, median9_row, weighted_
 /// The inner loops of the pipeline. Provided methods are the reference; an override
 /// must give the same bits for every input.
 pub trait Kernels: Copy {
+    /// Takes the luma of a line; see [`PixelFormat::luma`].
+    #[inline]
+    fn luma_row(&self, format: PixelFormat, line: &[u8], grey: &mut [u8]) {
+        format.luma(line, grey);
+    }
+
+    /// Takes a channel of a line; see [`PixelFormat::channel`].
+    #[inline]
+    fn channel_row(&self, format: PixelFormat, line: &[u8], channel: usize, row: &mut [u8]) {
+        format.channel(line, channel, row);
+    }
+
+    /// Converts levels of the other view; see [`convert_row`].
+    #[inline]
+    fn convert_row(
+        &self,
+        conversion: &LevelConversion,
+        levels: &[u8],
+        low: &mut [u8],
+        high: &mut [u8],
+    ) {
+        convert_row(conversion, levels, low, high);
+    }
+
     /// Forms eight Minchinton cells for each of a run of neurons: bit `k` of
     /// `packed[i]` is `samples[k][i] > samples[k + 1][i]`.
     ///

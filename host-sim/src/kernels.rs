@@ -5,8 +5,9 @@
 //! registers of 32 or 64 bytes. The set is chosen at run time.
 
 use vgstereo_core::aggregation::AggregateRow;
+use vgstereo_core::camera::PixelFormat;
 use vgstereo_core::kernel::{Kernels, Portable};
-use vgstereo_core::matching::{CostRun, DifferenceBlock, MaskBlock, RowRecall};
+use vgstereo_core::matching::{CostRun, DifferenceBlock, LevelConversion, MaskBlock, RowRecall};
 use vgstereo_core::minchinton::CELLS_PER_BYTE;
 use vgstereo_core::refine::{ArmsRow, WeightedMedianRow};
 
@@ -95,10 +96,33 @@ macro_rules! compiled_for {
     ($module:ident, $features:literal, $cost_run:path, $aggregate_row:path, $weighted_median_row:path) => {
         mod $module {
             use vgstereo_core::aggregation::AggregateRow;
+            use vgstereo_core::camera::PixelFormat;
             use vgstereo_core::kernel;
-            use vgstereo_core::matching::{self, CostRun, DifferenceBlock, MaskBlock, RowRecall};
+            use vgstereo_core::matching::{
+                self, CostRun, DifferenceBlock, LevelConversion, MaskBlock, RowRecall,
+            };
             use vgstereo_core::minchinton::CELLS_PER_BYTE;
             use vgstereo_core::refine::{self, ArmsRow, WeightedMedianRow};
+
+            #[target_feature(enable = $features)]
+            pub fn luma_row(format: PixelFormat, line: &[u8], grey: &mut [u8]) {
+                format.luma(line, grey);
+            }
+
+            #[target_feature(enable = $features)]
+            pub fn channel_row(format: PixelFormat, line: &[u8], channel: usize, row: &mut [u8]) {
+                format.channel(line, channel, row);
+            }
+
+            #[target_feature(enable = $features)]
+            pub fn convert_row(
+                conversion: &LevelConversion,
+                levels: &[u8],
+                low: &mut [u8],
+                high: &mut [u8],
+            ) {
+                matching::convert_row(conversion, levels, low, high);
+            }
 
             #[target_feature(enable = $features)]
             pub fn pack_cells(samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
@@ -197,6 +221,24 @@ macro_rules! dispatch {
 }
 
 impl Kernels for HostKernels {
+    fn luma_row(&self, format: PixelFormat, line: &[u8], grey: &mut [u8]) {
+        dispatch!(self, luma_row(format, line, grey));
+    }
+
+    fn channel_row(&self, format: PixelFormat, line: &[u8], channel: usize, row: &mut [u8]) {
+        dispatch!(self, channel_row(format, line, channel, row));
+    }
+
+    fn convert_row(
+        &self,
+        conversion: &LevelConversion,
+        levels: &[u8],
+        low: &mut [u8],
+        high: &mut [u8],
+    ) {
+        dispatch!(self, convert_row(conversion, levels, low, high));
+    }
+
     fn pack_cells(&self, samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
         dispatch!(self, pack_cells(samples, packed));
     }

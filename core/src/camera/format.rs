@@ -47,6 +47,7 @@ impl PixelFormat {
     /// to 8 bits by repeating their high bits; `Y` is taken as it is.
     ///
     /// Of a line and a grey line of different lengths, the common pixels are converted.
+    #[inline(always)]
     pub fn luma(self, line: &[u8], grey: &mut [u8]) {
         match self {
             Self::Grey8 => {
@@ -80,6 +81,7 @@ impl PixelFormat {
     ///
     /// Of a line and a row of different lengths, the common pixels are converted. A channel
     /// that there is not is 0.
+    #[inline(always)]
     pub fn channel(self, line: &[u8], channel: usize, row: &mut [u8]) {
         // Asked once rather than of each pixel.
         if channel >= 3 {

@@ -61,23 +61,51 @@ struct LineSums {
     residuals: u32,
 }
 
-/// The conversion of one channel.
+/// The conversion of one channel's levels, and how far they may differ then.
 #[derive(Debug, Clone, Copy)]
-struct Conversion {
-    gain_q12: i32,
-    offset_q12: i32,
+pub struct LevelConversion {
+    /// Gain, 1/4096, at most 4.
+    pub gain_q12: i32,
+    /// Offset in levels, 1/4096, at most 2^21.
+    pub offset_q12: i32,
+    /// Difference that is usual.
+    pub dead_zone: u8,
 }
 
-impl Conversion {
-    const IDENTITY: Self = Self {
+impl LevelConversion {
+    const UNKNOWN: Self = Self {
         gain_q12: GAIN_ONE,
         offset_q12: 0,
+        dead_zone: u8::MAX,
     };
 
+    /// The level in the reference camera's exposure.
     #[inline(always)]
-    fn apply(self, level: u8) -> u8 {
+    #[must_use]
+    pub fn apply(&self, level: u8) -> u8 {
         let converted = (self.gain_q12 * i32::from(level) + self.offset_q12 + (1 << 11)) >> 12;
         converted.clamp(0, 255) as u8
+    }
+}
+
+/// Converts levels of the other view: less and more the dead zone. Inlined so that a caller
+/// may compile it for its own instruction set.
+#[inline(always)]
+pub fn convert_row(conversion: &LevelConversion, levels: &[u8], low: &mut [u8], high: &mut [u8]) {
+    let zone = conversion.dead_zone;
+    for ((&level, low), high) in levels.iter().zip(low).zip(high) {
+        let converted = conversion.apply(level);
+        // A level at the end of its range may have been beyond it.
+        *low = if level == 0 {
+            0
+        } else {
+            converted.saturating_sub(zone)
+        };
+        *high = if level == u8::MAX {
+            level
+        } else {
+            converted.saturating_add(zone)
+        };
     }
 }
 
@@ -88,8 +116,7 @@ pub(super) struct Exposure {
     matches: u32,
     recent_matches: u32,
     is_converting: bool,
-    conversions: [Conversion; MAX_CHANNELS],
-    dead_zone: u8,
+    conversions: [LevelConversion; MAX_CHANNELS],
 }
 
 impl Exposure {
@@ -99,32 +126,14 @@ impl Exposure {
             matches: 0,
             recent_matches: 0,
             is_converting: false,
-            conversions: [Conversion::IDENTITY; MAX_CHANNELS],
-            dead_zone: u8::MAX,
+            conversions: [LevelConversion::UNKNOWN; MAX_CHANNELS],
         }
     }
 
-    /// Converts levels of the other view: less and more the dead zone.
-    pub(super) fn convert(&self, channel: usize, levels: &[u8], low: &mut [u8], high: &mut [u8]) {
-        let conversion = self
-            .conversions
-            .get(channel)
-            .copied()
-            .unwrap_or(Conversion::IDENTITY);
-        for ((&level, low), high) in levels.iter().zip(low).zip(high) {
-            let converted = conversion.apply(level);
-            // A level at the end of its range may have been beyond it.
-            *low = if level == 0 {
-                0
-            } else {
-                converted.saturating_sub(self.dead_zone)
-            };
-            *high = if level == u8::MAX {
-                level
-            } else {
-                converted.saturating_add(self.dead_zone)
-            };
-        }
+    /// What is known of a channel.
+    pub(super) fn conversion(&self, channel: usize) -> LevelConversion {
+        let known = self.conversions.get(channel);
+        known.copied().unwrap_or(LevelConversion::UNKNOWN)
     }
 
     /// Learns from the matches of a line: positions in the reference view's and the other
@@ -187,12 +196,12 @@ impl Exposure {
         self.recent_matches -= self.recent_matches >> RECENT_FADING_SHIFT;
     }
 
-    /// Concludes from the sums: the first time the conversion
-    /// alone, as residuals without one mean nothing. Divisions are per line.
+    /// Concludes from the sums: the first time the conversion alone, as residuals without
+    /// one mean nothing. Divisions are per line.
     fn conclude(&mut self, channels: usize) {
         let count = self.matches;
         if self.recent_matches < MATCHES_MIN {
-            self.dead_zone = u8::MAX;
+            self.set_dead_zone(u8::MAX);
             return;
         }
         let mut residuals = 0_u64;
@@ -210,10 +219,8 @@ impl Exposure {
             let offset = ((i64::from(sums.recent_reference) << 12)
                 - gain as i64 * i64::from(sums.recent_other))
             .div_euclid(i64::from(self.recent_matches).max(1));
-            *conversion = Conversion {
-                gain_q12: gain as i32,
-                offset_q12: offset as i32,
-            };
+            conversion.gain_q12 = gain as i32;
+            conversion.offset_q12 = offset as i32;
             residuals += u64::from(sums.residuals);
         }
         if !self.is_converting {
@@ -225,6 +232,12 @@ impl Exposure {
         }
         let mean_q4 = residuals * 16 / (u64::from(count) * channels as u64).max(1);
         // 1.25 times the mean: about what separates the usual from the unusual.
-        self.dead_zone = ((mean_q4 * 20) >> 8).min(255) as u8;
+        self.set_dead_zone(((mean_q4 * 20) >> 8).min(255) as u8);
+    }
+
+    fn set_dead_zone(&mut self, dead_zone: u8) {
+        for conversion in &mut self.conversions {
+            conversion.dead_zone = dead_zone;
+        }
     }
 }

@@ -319,8 +319,8 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
             None if self.config.format.is_grey() => self.sampler.push_roles(reference, other),
             None => {
                 let format = self.config.format;
-                format.luma(reference, self.luma[0]);
-                format.luma(other, self.luma[1]);
+                self.kernels.luma_row(format, reference, self.luma[0]);
+                self.kernels.luma_row(format, other, self.luma[1]);
                 self.sampler.push_roles(self.luma[0], self.luma[1]);
             }
             Some(colours) => {
@@ -332,13 +332,13 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
                     .zip(&mut colours.other)
                     .enumerate()
                 {
-                    format.channel(reference, channel, line);
+                    self.kernels.channel_row(format, reference, channel, line);
                     own.push(line);
-                    format.channel(other, channel, line);
+                    self.kernels.channel_row(format, other, channel, line);
                     others.push(line);
                 }
-                format.luma(other, colours.other_grey);
-                format.luma(reference, line);
+                self.kernels.luma_row(format, other, colours.other_grey);
+                self.kernels.luma_row(format, reference, line);
                 self.sampler.push_roles(line, colours.other_grey);
             }
         }
@@ -422,7 +422,8 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
             if let (Some(low), Some(high)) =
                 (low.get_mut(inside.clone()), high.get_mut(inside.clone()))
             {
-                self.exposure.convert(channel, levels, low, high);
+                let conversion = self.exposure.conversion(channel);
+                self.kernels.convert_row(&conversion, levels, low, high);
             }
             for row in [low, high] {
                 extend_run(row, inside.clone());

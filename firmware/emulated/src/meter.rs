@@ -3,10 +3,10 @@
 use core::cell::Cell;
 
 use vgstereo_core::aggregation::AggregateRow;
-use vgstereo_core::camera::{ErrorType, Geometry, LinePair, LinePairSource};
+use vgstereo_core::camera::{ErrorType, Geometry, LinePair, LinePairSource, PixelFormat};
 use vgstereo_core::kernel::Kernels;
 use vgstereo_core::matcher::DisparityLine;
-use vgstereo_core::matching::{CostRun, DifferenceBlock, MaskBlock, RowRecall};
+use vgstereo_core::matching::{CostRun, DifferenceBlock, LevelConversion, MaskBlock, RowRecall};
 use vgstereo_core::minchinton::CELLS_PER_BYTE;
 use vgstereo_core::refine::{ArmsRow, WeightedMedianRow};
 use vgstereo_firmware::{DisparitySink, Fault, FrameInfo};
@@ -163,6 +163,28 @@ impl<T: Clone, C> Clone for Metered<'_, T, C> {
 impl<T: Copy, C> Copy for Metered<'_, T, C> {}
 
 impl<K: Kernels, C: Counter> Kernels for Metered<'_, K, C> {
+    // These three are part of the rest.
+    #[inline]
+    fn luma_row(&self, format: PixelFormat, line: &[u8], grey: &mut [u8]) {
+        self.inner.luma_row(format, line, grey);
+    }
+
+    #[inline]
+    fn channel_row(&self, format: PixelFormat, line: &[u8], channel: usize, row: &mut [u8]) {
+        self.inner.channel_row(format, line, channel, row);
+    }
+
+    #[inline]
+    fn convert_row(
+        &self,
+        conversion: &LevelConversion,
+        levels: &[u8],
+        low: &mut [u8],
+        high: &mut [u8],
+    ) {
+        self.inner.convert_row(conversion, levels, low, high);
+    }
+
     #[inline]
     fn pack_cells(&self, samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
         let body = || self.inner.pack_cells(samples, packed);
