@@ -84,11 +84,16 @@ impl PixelFormat {
     #[inline(always)]
     pub fn channel(self, line: &[u8], channel: usize, row: &mut [u8]) {
         // Asked once rather than of each pixel.
-        if channel >= 3 {
-            row.fill(0);
-            return;
+        match channel {
+            0 => self.pick(line, row, |[red, _, _]| red),
+            1 => self.pick(line, row, |[_, green, _]| green),
+            2 => self.pick(line, row, |[_, _, blue]| blue),
+            _ => row.fill(0),
         }
-        let pick = |pixel: [u8; 3]| pixel[channel];
+    }
+
+    #[inline(always)]
+    fn pick(self, line: &[u8], row: &mut [u8], pick: impl Fn([u8; 3]) -> u8) {
         match self {
             Self::Grey8 => {
                 for (level, &grey) in row.iter_mut().zip(line) {
