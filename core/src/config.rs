@@ -18,6 +18,7 @@ pub const MAX_MEDIAN_REACH_PX: u8 = 63;
 
 /// The method's parameters: all that a preset fixes.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct Parameters {
@@ -36,6 +37,7 @@ pub struct Parameters {
 
 /// What is made of the patterns.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(tag = "kind", rename_all = "kebab-case"))]
 pub enum Method {
@@ -47,6 +49,7 @@ pub enum Method {
 
 /// The paper's method and its post-processing.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct Recall {
@@ -62,6 +65,7 @@ pub struct Recall {
 
 /// Costs, their semi-global aggregation, and what follows it.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct Aggregation {
@@ -120,6 +124,7 @@ pub struct SpeckleParameters {
 
 /// Parameters of [`RegionVote`](crate::refine::RegionVote).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct RegionVoteParameters {
@@ -139,6 +144,7 @@ pub struct RegionVoteParameters {
 
 /// Parameters of [`WeightedMedian`](crate::refine::WeightedMedian).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct WeightedMedianParameters {
@@ -274,6 +280,7 @@ impl Aggregation {
 
 /// A rectangle of the reference view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Region {
     /// First column, px.
     pub x: u16,
@@ -317,6 +324,7 @@ pub enum Output {
 /// Everything a matcher is built from. The number of lines is not part of it: memory
 /// does not depend on it.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Config {
     /// The method's parameters.
     pub parameters: Parameters,
@@ -338,6 +346,7 @@ pub struct Config {
 
 /// Why a configuration is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum ConfigError {
     /// |W| is not a multiple of 16 from 16 to 1024.

@@ -31,6 +31,7 @@ pub const fn px_to_q4(disparity_px: i16) -> i16 {
 ///
 /// The minimum may be negative, for cameras that converge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct DisparityRange {
     /// Smallest disparity searched, px.
     pub minimum_px: i16,
@@ -70,6 +71,7 @@ impl DisparityRange {
 
 /// The view whose pixels get a disparity; the other view is the one searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Reference {
     /// Disparity of left pixel `x`: it matches right pixel `x - d`.
     Left,

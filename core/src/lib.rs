@@ -95,7 +95,8 @@
 //!
 //! # Features
 //!
-//! `serde`, off by default: parameters can be read from and written to text formats.
+//! Off by default: `serde`, parameters can be read from and written to text formats; `defmt`,
+//! errors, parameters and what a camera tells can be logged with defmt.
 //!
 //! The oldest Rust it is built with is 1.95.
 #![no_std]

@@ -29,6 +29,7 @@ pub struct DisparityLine<'a> {
 
 /// A pair of lines was refused; the matcher is unchanged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum PushError {
     /// A line does not have the configured width in the configured pixel format.

@@ -9,6 +9,7 @@ use bytemuck::Pod;
 
 /// The lent memory has fewer words than the configuration needs; nothing was taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct OutOfMemory;
 
 impl fmt::Display for OutOfMemory {

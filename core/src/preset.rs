@@ -15,6 +15,7 @@ pub const DEFAULT_SEED: u64 = 1;
 
 /// A named set of parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum Preset {
     /// Section III of the paper: 256 synapses, sigma 4, ties at random, nothing after; with
@@ -34,6 +35,7 @@ pub enum Preset {
 
 /// No preset has this name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct UnknownPreset;
 
 impl fmt::Display for UnknownPreset {

@@ -18,6 +18,7 @@ pub const MAX_SIGMA_PX: f32 = 10.0;
 
 /// How far offsets may reach from the centre: `|dx| <= x_px`, `|dy| <= y_px`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct Support {
@@ -68,6 +69,7 @@ pub struct Offset {
 
 /// Why synapses could not be drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum SynapseError {
     /// Sigma is not in `0.0 < sigma <= 10.0` px.

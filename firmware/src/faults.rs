@@ -9,6 +9,7 @@ use vgstereo_core::camera::{Error, ErrorKind, ErrorType, Geometry, LinePair, Lin
 
 /// What goes wrong at a pair of lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum FaultKind {
     /// The pair is lost and an error of this kind reported.
     Error(ErrorKind),
@@ -64,6 +65,7 @@ impl FaultKind {
 
 /// An entry of a [`FaultyCamera`]'s script; as text, `FRAME:LINE:KIND`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Fault {
     /// Frame in which it happens.
     pub frame: u32,

@@ -6,6 +6,9 @@
 //! [`DisparitySink`]. It drops a frame that is not whole, counts what was lost and starts
 //! again at line 0 of the next frame; [`faults`] puts scripted ones in its way. Drivers,
 //! pins and clocks are a board's affair.
+//!
+//! Features, off by default: `serial`, a sink over a serial port; `defmt`, faults, events and
+//! counters can be logged with defmt.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -13,6 +16,8 @@
 extern crate std;
 
 pub mod faults;
+#[cfg(feature = "serial")]
+pub mod serial;
 pub mod session;
 pub mod sink;
 

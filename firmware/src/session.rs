@@ -28,6 +28,7 @@ pub const fn memory_words(geometry: &Geometry) -> usize {
 
 /// Why a session is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum SessionError {
     /// The camera's lines and the matcher's differ in width.
@@ -91,6 +92,7 @@ impl From<OutOfMemory> for SessionError {
 
 /// Why a frame was dropped or synchronisation lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum Fault {
     /// The camera reported an error.
@@ -116,6 +118,7 @@ impl fmt::Display for Fault {
 
 /// What became of one read of the camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum Event {
     /// The pair was the next one and was matched.
@@ -151,6 +154,7 @@ pub enum Event {
 
 /// Why [`Session::run_frame`] gave up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum RunError<E> {
     /// No frame came whole.
@@ -186,6 +190,7 @@ impl<E: fmt::Debug + fmt::Display> core::error::Error for RunError<E> {}
 /// `lines + lines_dropped` is the number of pairs that the camera delivered or knows to
 /// have lost between deliveries.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub struct Statistics {
     /// Frames whose disparities are all at the sink.

@@ -7,6 +7,7 @@ use crate::session::Fault;
 
 /// A frame of disparities, as a sink is told of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FrameInfo {
     /// The camera's number of the frame.
     pub frame: u32,

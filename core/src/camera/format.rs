@@ -2,6 +2,7 @@
 
 /// How a line of one view is stored, pixel after pixel without gaps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum PixelFormat {
     /// One byte per pixel, 0 black to 255 white.

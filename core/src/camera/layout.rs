@@ -14,6 +14,7 @@ use crate::camera::{ErrorKind, PixelFormat};
 /// A raw pixel is [`PixelFormat::bytes_per_pixel`] bytes. Where a board sends right
 /// before left, lend the two buffers the other way round.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Layout {
     /// Two ports, a sensor on each. Raw bytes: what the left port received, then what the
     /// right port did, for two transfers into the halves of one buffer. Two transfers

@@ -16,6 +16,7 @@ use core::fmt;
 
 /// What a source of line pairs delivers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Geometry {
     /// Pixels of a line of one view.
     pub width: u16,
@@ -35,6 +36,7 @@ impl Geometry {
 
 /// Names a pair of lines that was delivered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LinePair {
     /// Frame since the source started; wraps from `u32::MAX` to 0. Every frame that the
     /// source knows to have begun takes a number, even if nothing of it is delivered.
@@ -51,6 +53,7 @@ pub struct LinePair {
 
 /// What went wrong in a source, whatever its own error says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum ErrorKind {
     /// Pixels came faster than they were stored or lines faster than they were read.

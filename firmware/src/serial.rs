@@ -1,0 +1,219 @@
+//! A sink over a serial port, or anything else that takes bytes.
+//!
+//! Each call of the sink is a [`Packet`]: [postcard](https://docs.rs/postcard) makes its
+//! bytes and COBS encodes them, so that they have no zero, and a zero ends them. Whoever
+//! listens in the middle, or misses a byte, goes on after the next zero. A frame begins
+//! with a zero too, as what was sent before may have been cut short.
+
+use embedded_io::Write;
+use serde::{Deserialize, Serialize};
+use vgstereo_core::matcher::DisparityLine;
+
+use crate::session::Fault;
+use crate::sink::{DisparitySink, FrameInfo};
+
+/// What is sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Packet<'a> {
+    /// A frame begins; its lines follow from the top.
+    FrameBegun {
+        /// The camera's number of the frame.
+        frame: u32,
+        /// The camera's timestamp of line 0.
+        timestamp_us: u64,
+        /// First column, px.
+        x: u16,
+        /// First line.
+        y: u32,
+        /// Columns.
+        width: u16,
+        /// Lines.
+        height: u32,
+    },
+    /// The next line.
+    Line {
+        /// The frame.
+        frame: u32,
+        /// The line of the frame, from 0.
+        line: u32,
+        /// Disparities, 1/16 px, two bytes each, little-endian;
+        /// [`INVALID`](vgstereo_core::disparity::INVALID) where none is known.
+        disparities: &'a [u8],
+    },
+    /// All lines of the frame have come.
+    FrameDone {
+        /// The frame.
+        frame: u32,
+    },
+    /// The frame ends here, incomplete.
+    FrameAborted {
+        /// The frame.
+        frame: u32,
+    },
+}
+
+/// Bytes of the longest packet of frames of `width` columns, as it is sent.
+#[must_use]
+pub const fn packet_bytes(width: u16) -> usize {
+    // The kind; at most 5, 10, 3, 5, 3 and 5 bytes for the numbers of a frame's begin, which
+    // are more than the 5, 5 and 3 of a line's numbers and length.
+    let bytes = 1 + 31 + 2 * width as usize;
+    // A byte ahead of each run of 254, and the zero.
+    bytes + bytes.div_ceil(254) + 1
+}
+
+/// Every target is little-endian, so that a line's bytes are as they stand in memory.
+const _: () = assert!(cfg!(target_endian = "little"));
+
+/// Why something was not sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum SerialError<E> {
+    /// The lent memory is smaller than [`packet_bytes`].
+    Memory,
+    /// The port does not take bytes.
+    Port(E),
+}
+
+/// Sends packets. It waits while the port does; confidences are not sent.
+#[derive(Debug)]
+pub struct SerialSink<'m, W> {
+    port: W,
+    packet: &'m mut [u8],
+}
+
+impl<'m, W: Write> SerialSink<'m, W> {
+    /// A sink that sends over `port`, with memory for a packet, of [`packet_bytes`].
+    #[must_use]
+    pub fn new(port: W, packet: &'m mut [u8]) -> Self {
+        Self { port, packet }
+    }
+
+    fn send(&mut self, packet: &Packet<'_>) -> Result<(), SerialError<W::Error>> {
+        let bytes = postcard::to_slice_cobs(packet, self.packet).map_err(|_| SerialError::Memory)?;
+        self.port.write_all(bytes).map_err(SerialError::Port)
+    }
+}
+
+impl<W: Write> DisparitySink for SerialSink<'_, W> {
+    type Error = SerialError<W::Error>;
+
+    fn begin_frame(&mut self, info: &FrameInfo) -> Result<(), Self::Error> {
+        self.port.write_all(&[0]).map_err(SerialError::Port)?;
+        self.send(&Packet::FrameBegun {
+            frame: info.frame,
+            timestamp_us: info.timestamp_us,
+            x: info.region.x,
+            y: info.region.y,
+            width: info.region.width,
+            height: info.region.height,
+        })
+    }
+
+    fn line(&mut self, frame: u32, line: &DisparityLine<'_>) -> Result<(), Self::Error> {
+        self.send(&Packet::Line {
+            frame,
+            line: line.line,
+            disparities: bytemuck::cast_slice(line.disparities_q4),
+        })
+    }
+
+    fn end_frame(&mut self, info: &FrameInfo) -> Result<(), Self::Error> {
+        self.send(&Packet::FrameDone { frame: info.frame })
+    }
+
+    fn abort_frame(&mut self, frame: u32, _: Fault) {
+        // If this is not sent, the receiver sees a frame without an end.
+        let _ = self.send(&Packet::FrameAborted { frame });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec;
+    use std::vec::Vec;
+    use vgstereo_core::config::Region;
+    use vgstereo_core::disparity::INVALID;
+
+    const INFO: FrameInfo = FrameInfo {
+        frame: u32::MAX,
+        timestamp_us: u64::MAX,
+        region: Region {
+            x: u16::MAX,
+            y: u32::MAX,
+            width: 300,
+            height: u32::MAX,
+        },
+    };
+
+    fn line(disparities_q4: &[i16]) -> DisparityLine<'_> {
+        DisparityLine {
+            line: u32::MAX,
+            column: 0,
+            disparities_q4,
+            confidences: &[],
+        }
+    }
+
+    /// A sink after a frame with one line.
+    fn sent(packet: &mut [u8], disparities_q4: &[i16]) -> Vec<u8> {
+        let mut sink = SerialSink::new(Vec::new(), packet);
+        sink.begin_frame(&INFO).unwrap();
+        sink.line(INFO.frame, &line(disparities_q4)).unwrap();
+        sink.end_frame(&INFO).unwrap();
+        sink.abort_frame(INFO.frame, Fault::Sequence);
+        sink.port
+    }
+
+    #[test]
+    fn a_listener_gets_what_the_sink_was_given() {
+        let disparities_q4: Vec<i16> = (0..300).map(|x| x * 109 - 16384).collect();
+        let disparities: Vec<u8> = disparities_q4.iter().flat_map(|d| d.to_le_bytes()).collect();
+        let mut bytes = sent(&mut vec![0; packet_bytes(300)], &disparities_q4);
+        let packets = bytes.split_mut(|&byte| byte == 0);
+        let mut packets = packets.filter(|packet| !packet.is_empty());
+        let mut next = || postcard::from_bytes_cobs(packets.next().unwrap()).unwrap();
+        let frame = INFO.frame;
+        let begun: Packet<'_> = next();
+        assert!(matches!(begun, Packet::FrameBegun { frame: u32::MAX, width: 300, .. }));
+        let line = Packet::Line {
+            frame,
+            line: u32::MAX,
+            disparities: &disparities,
+        };
+        assert_eq!(next(), line);
+        assert_eq!(next(), Packet::FrameDone { frame });
+        assert_eq!(next(), Packet::FrameAborted { frame });
+        assert!(packets.next().is_none());
+    }
+
+    #[test]
+    fn the_longest_packets_fit_and_no_others_are_cut() {
+        for width in [1, 100, 126, 127, 300] {
+            let disparities_q4 = vec![INVALID; usize::from(width)];
+            let bytes = sent(&mut vec![0; packet_bytes(width)], &disparities_q4);
+            let longest = bytes.split(|&byte| byte == 0).map(<[u8]>::len).max();
+            assert!(longest < Some(packet_bytes(width)), "{width}");
+        }
+        let mut memory = [0; 100];
+        let mut sink = SerialSink::new(Vec::new(), &mut memory);
+        let too_long = sink.line(0, &line(&[0; 50]));
+        assert!(matches!(too_long, Err(SerialError::Memory)));
+        assert!(sink.port.is_empty());
+    }
+
+    #[test]
+    fn after_a_packet_that_was_cut_the_next_frame_is_read() {
+        let mut bytes = sent(&mut vec![0; packet_bytes(4)], &[1, 2, 3, 4]);
+        bytes.truncate(bytes.len() - 3);
+        bytes.extend(sent(&mut vec![0; packet_bytes(4)], &[5, 6, 7, 8]));
+        let begun = bytes
+            .split_mut(|&byte| byte == 0)
+            .filter(|packet| !packet.is_empty())
+            .filter_map(|packet| postcard::from_bytes_cobs(packet).ok())
+            .filter(|packet| matches!(packet, Packet::FrameBegun { .. }))
+            .count();
+        assert_eq!(begun, 2);
+    }
+}
