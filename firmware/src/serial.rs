@@ -90,7 +90,8 @@ impl<'m, W: Write> SerialSink<'m, W> {
     }
 
     fn send(&mut self, packet: &Packet<'_>) -> Result<(), SerialError<W::Error>> {
-        let bytes = postcard::to_slice_cobs(packet, self.packet).map_err(|_| SerialError::Memory)?;
+        let bytes =
+            postcard::to_slice_cobs(packet, self.packet).map_err(|_| SerialError::Memory)?;
         self.port.write_all(bytes).map_err(SerialError::Port)
     }
 }
@@ -169,14 +170,24 @@ mod tests {
     #[test]
     fn a_listener_gets_what_the_sink_was_given() {
         let disparities_q4: Vec<i16> = (0..300).map(|x| x * 109 - 16384).collect();
-        let disparities: Vec<u8> = disparities_q4.iter().flat_map(|d| d.to_le_bytes()).collect();
+        let disparities: Vec<u8> = disparities_q4
+            .iter()
+            .flat_map(|d| d.to_le_bytes())
+            .collect();
         let mut bytes = sent(&mut vec![0; packet_bytes(300)], &disparities_q4);
         let packets = bytes.split_mut(|&byte| byte == 0);
         let mut packets = packets.filter(|packet| !packet.is_empty());
         let mut next = || postcard::from_bytes_cobs(packets.next().unwrap()).unwrap();
         let frame = INFO.frame;
         let begun: Packet<'_> = next();
-        assert!(matches!(begun, Packet::FrameBegun { frame: u32::MAX, width: 300, .. }));
+        assert!(matches!(
+            begun,
+            Packet::FrameBegun {
+                frame: u32::MAX,
+                width: 300,
+                ..
+            }
+        ));
         let line = Packet::Line {
             frame,
             line: u32::MAX,

@@ -40,6 +40,7 @@ pub fn run(
     request: &Request,
     clock: Clock,
 ) -> Result<(Frames, Report)> {
+    let emulation = board.emulation()?;
     let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
     let path = |name: &CStr| folder.path().join(&*name.to_string_lossy());
     let read = |name: &CStr| {
@@ -54,9 +55,9 @@ pub fn run(
     }
     let log = path(c"emulator.log");
     let log_file = File::create(&log).context("cannot write a temporary file")?;
-    let mut command = Command::new(board.emulator);
+    let mut command = Command::new(emulation.program);
     command
-        .args(board.emulator_arguments)
+        .args(emulation.arguments)
         .args(["-display", "none", "-monitor", "none", "-serial", "none"])
         .args(["-semihosting-config", &semihosting, "-kernel"])
         .arg(firmware)
@@ -66,10 +67,10 @@ pub fn run(
         .stdout(Stdio::null())
         .stderr(log_file);
     if clock == Clock::Instructions {
-        command.args(["-icount", &format!("shift={}", board.count_shift)]);
+        command.args(["-icount", &format!("shift={}", emulation.count_shift)]);
     }
     let child = command.spawn();
-    let mut child = child.with_context(|| format!("cannot run {}", board.emulator))?;
+    let mut child = child.with_context(|| format!("cannot run {}", emulation.program))?;
     let Some(status) = child.wait_timeout(LONGEST_RUN)? else {
         child.kill()?;
         child.wait()?;
@@ -78,7 +79,7 @@ pub fn run(
     if !status.success() {
         let mut complaint = String::new();
         File::open(&log)?.read_to_string(&mut complaint)?;
-        bail!("{} ended with {status}: {complaint}", board.emulator);
+        bail!("{} ended with {status}: {complaint}", emulation.program);
     }
 
     let report = String::from_utf8(read(REPORT_FILE)?).context("the report is not text")?;

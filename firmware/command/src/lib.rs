@@ -1,4 +1,4 @@
-//! The host's side of the firmware: boards are built, fed with images in an emulator, and
+//! The host's side of the firmware: boards are built, those with an emulator fed with images and
 //! held to the host's own results, byte for byte.
 //!
 //! From the bottom up: [`board`] knows the boards, [`toolchain`] finds what builds for

@@ -96,7 +96,11 @@ pub struct Need {
 /// When there is no Rust compiler at all.
 pub fn needs(boards: &[Board]) -> Result<Vec<Need>> {
     let targets: BTreeSet<_> = boards.iter().map(|board| board.target).collect();
-    let emulators: BTreeSet<_> = boards.iter().map(|board| board.emulator).collect();
+    let emulators: BTreeSet<_> = boards
+        .iter()
+        .filter_map(|board| board.emulation)
+        .map(|emulation| emulation.program)
+        .collect();
     let mut needs = Vec::new();
     for target in targets {
         let found = Toolchain::find(target)?.map(|toolchain| match toolchain {

@@ -54,6 +54,18 @@ fn what_is_wrong_is_said_on_one_line() {
             "stm32f405, mps2-an500",
         ),
         (refusal(&["flash"]), "flash"),
+        (
+            refusal(&["verify", "--board", "stm32h743"]),
+            "stm32h743 is a real board and not emulated",
+        ),
+        (
+            refusal(&["bench", "--board", "stm32h743"]),
+            "stm32h743 is a real board and not emulated",
+        ),
+        (
+            refusal(&["run", "--board", "stm32h743", "--out", "never.png"]),
+            "stm32h743 is a real board and not emulated",
+        ),
         (refusal(&["run", "--board", "stm32f405"]), "--out"),
         (run(&["--preset", "best"]), "lite, micro"),
         (run(&["--fault", "1:2"]), "FRAME:LINE:KIND"),

@@ -8,7 +8,7 @@ use vgstereo_core::preset::Preset;
 use vgstereo_emulated::meter::Stage;
 use vgstereo_sim::commands::{kib, progress_bar, table};
 
-use super::Selection;
+use super::EmulatedSelection;
 use crate::board::{Board, MPS2_AN500, RISCV_VIRT, RISCV_VIRT_ZBB, STM32F405};
 use crate::build::build;
 use crate::elf::Sizes;
@@ -43,7 +43,7 @@ pub struct Bench {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    selection: Selection,
+    selection: EmulatedSelection,
 }
 
 /// What a board takes for a preset at a size.

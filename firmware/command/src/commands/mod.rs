@@ -13,7 +13,7 @@ pub mod run;
 pub mod size;
 pub mod verify;
 
-/// Firmware on emulated boards: built, fed with images as by a camera, and held to the
+/// Firmware: built, and on emulated boards fed with images as by a camera and held to the
 /// host's results byte for byte.
 #[derive(Debug, Parser)]
 #[command(name = "cargo firmware", bin_name = "cargo firmware", version)]
@@ -41,7 +41,7 @@ enum Verb {
 /// One board or all.
 #[derive(Debug, Clone, Args)]
 pub struct Selection {
-    /// Only this board: stm32f405, mps2-an500, riscv-virt or riscv-virt-zbb.
+    /// Only this board: stm32f405, mps2-an500, riscv-virt, riscv-virt-zbb or stm32h743.
     #[arg(long, value_name = "B", value_parser = parse_board)]
     board: Option<Board>,
 }
@@ -51,6 +51,23 @@ impl Selection {
     #[must_use]
     pub fn boards(&self) -> Vec<Board> {
         self.board.map_or(Board::ALL.to_vec(), |board| vec![board])
+    }
+}
+
+/// One emulated board or all of them.
+#[derive(Debug, Clone, Args)]
+pub struct EmulatedSelection {
+    /// Only this board: stm32f405, mps2-an500, riscv-virt or riscv-virt-zbb.
+    #[arg(long, value_name = "B", value_parser = parse_emulated_board)]
+    board: Option<Board>,
+}
+
+impl EmulatedSelection {
+    /// The boards meant.
+    #[must_use]
+    pub fn boards(&self) -> Vec<Board> {
+        self.board
+            .map_or(Board::emulated().collect(), |board| vec![board])
     }
 }
 
@@ -109,4 +126,10 @@ impl Setup {
 fn parse_board(name: &str) -> Result<Board, String> {
     name.parse()
         .map_err(|error: UnknownBoard| error.to_string())
+}
+
+fn parse_emulated_board(name: &str) -> Result<Board, String> {
+    let board = parse_board(name)?;
+    board.emulation().map_err(|error| error.to_string())?;
+    Ok(board)
 }

@@ -13,7 +13,7 @@ use vgstereo_sim::commands::parse_preset;
 use vgstereo_sim::disparity_files::DisparityFormat;
 use vgstereo_sim::files::{read_image, write_files};
 
-use super::parse_board;
+use super::parse_emulated_board;
 use crate::board::Board;
 use crate::build::build;
 use crate::elf::Sizes;
@@ -32,7 +32,7 @@ use crate::toolchain::ensure_complete;
 )]
 pub struct Run {
     /// The board: stm32f405, mps2-an500, riscv-virt or riscv-virt-zbb.
-    #[arg(long, value_name = "B", value_parser = parse_board)]
+    #[arg(long, value_name = "B", value_parser = parse_emulated_board)]
     board: Board,
     /// Left image: PNG, PPM, PGM or JPEG, rectified.
     #[arg(long, value_name = "FILE", requires = "right")]

@@ -65,7 +65,7 @@ impl Size {
             ]);
         }
         Ok(format!(
-            "{table}\nbytes; flash holds every preset, and the files and reports of the emulator\n"
+            "{table}\nbytes; of emulated boards flash holds every preset, and the emulator's files and reports\n"
         ))
     }
 }

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use vgstereo_core::preset::Preset;
 use vgstereo_sim::commands::{progress_bar, table};
 
-use super::Selection;
+use super::EmulatedSelection;
 use crate::board::Board;
 use crate::build::build;
 use crate::elf::Sizes;
@@ -32,7 +32,7 @@ pub struct Verify {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     lines: Option<u32>,
     #[command(flatten)]
-    selection: Selection,
+    selection: EmulatedSelection,
 }
 
 /// A board, a pair and a preset.

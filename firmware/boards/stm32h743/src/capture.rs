@@ -1,0 +1,191 @@
+//! Lines from the camera port into two line buffers, in turn, by DMA.
+//!
+//! embassy's `Dcmi` sets up pins, clock and polarity, but its `capture` wants the memory of a
+//! whole frame. Here the port writes to a ring of two lines instead. What the line sync says
+//! is not lost: at the end of each line an interrupt counts it and compares the place in the
+//! ring, so that a line with too few pixels is known for what it is and moves no other.
+//!
+//! The port crops to the geometry: longer lines and more of them do no harm.
+
+use core::cell::Cell;
+
+use critical_section::Mutex;
+use embassy_stm32::Peri;
+use embassy_stm32::dcmi::{Dcmi, FrameDma};
+use embassy_stm32::dma::{self, ReadableRingBuffer, TransferOptions};
+use embassy_stm32::interrupt::typelevel::{DCMI as PortInterrupt, Handler};
+use embassy_stm32::pac;
+use embassy_stm32::peripherals::{DCMI, DMA1_CH0};
+use vgstereo_core::camera::ErrorKind;
+
+use crate::{GEOMETRY, Interrupts, LAYOUT};
+
+/// Bytes of a raw line, which holds a line of each view.
+const RAW_BYTES: usize = LAYOUT.raw_bytes(GEOMETRY.format, GEOMETRY.width);
+/// The port packs four bytes into a word.
+pub const RAW_WORDS: usize = RAW_BYTES.div_ceil(4);
+/// What the sensors send on either side of the geometry: pixels of each view, and lines.
+const MARGIN: u32 = 2;
+/// Pixel clocks of the margin on the left.
+const MARGIN_CLOCKS: u32 = 2 * MARGIN * GEOMETRY.format.bytes_per_pixel() as u32;
+
+/// The camera's stream of the DMA controller: that of `DMA1_CH0`.
+const STREAM: usize = 0;
+
+const _: () = assert!(LAYOUT.lines_per_pair() == 1, "a raw line must be a pair");
+
+/// How far the frame is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Progress {
+    /// Line syncs seen.
+    syncs: u32,
+    /// Whether the frame sync has ended it.
+    pub has_ended: bool,
+    /// What has gone wrong first.
+    pub fault: Option<ErrorKind>,
+}
+
+impl Progress {
+    const ENDED: Self = Self {
+        syncs: 0,
+        has_ended: true,
+        fault: None,
+    };
+
+    /// Whole lines of the geometry that have come.
+    pub fn lines(&self) -> u32 {
+        self.syncs.saturating_sub(MARGIN).min(GEOMETRY.height)
+    }
+}
+
+/// Written by the interrupt, but for a new frame.
+static PROGRESS: Mutex<Cell<Progress>> = Mutex::new(Cell::new(Progress::ENDED));
+
+/// The port's interrupt: at the end of each line and of a frame.
+pub struct LineEnd;
+
+impl Handler<PortInterrupt> for LineEnd {
+    unsafe fn on_interrupt() {
+        let events = pac::DCMI.mis().read();
+        pac::DCMI.icr().write(|clear| {
+            clear.set_line_isc(events.line_mis());
+            clear.set_vsync_isc(events.vsync_mis());
+            clear.set_ovr_isc(events.ovr_mis());
+        });
+        critical_section::with(|token| {
+            let cell = PROGRESS.borrow(token);
+            let mut progress = cell.get();
+            let mut fault = events.ovr_mis().then_some(ErrorKind::Overrun);
+            if events.line_mis() && !progress.has_ended {
+                progress.syncs = progress.syncs.saturating_add(1);
+                // Words left of the ring: all of it after an even number of lines.
+                let whole = 2 - progress.lines() as usize % 2;
+                let left = pac::DMA1.st(STREAM).ndtr().read().ndt();
+                if usize::from(left) != whole * RAW_WORDS {
+                    fault = fault.or(Some(ErrorKind::ShortLine));
+                }
+            }
+            if events.vsync_mis() {
+                progress.has_ended = true;
+            }
+            progress.fault = progress.fault.or(fault);
+            cell.set(progress);
+        });
+    }
+}
+
+/// The camera port with its ring of lines.
+pub struct Capture {
+    _port: Dcmi<'static, DCMI>,
+    channel: Peri<'static, DMA1_CH0>,
+    ring: Option<ReadableRingBuffer<'static, u32>>,
+    raw_lines: *mut [u32],
+}
+
+impl Capture {
+    /// A port that waits, with the memory of two raw lines that DMA1 reaches and that is not
+    /// cached.
+    pub fn new(
+        port: Dcmi<'static, DCMI>,
+        channel: Peri<'static, DMA1_CH0>,
+        raw_lines: &'static mut [u32],
+    ) -> Self {
+        pac::DCMI.cr().modify(|control| {
+            control.set_cm(true);
+            control.set_crop(true);
+        });
+        pac::DCMI.cwstrt().write(|start| {
+            start.set_hoffcnt(MARGIN_CLOCKS as u16);
+            start.set_vst(MARGIN as u16);
+        });
+        pac::DCMI.cwsize().write(|size| {
+            size.set_capcnt((4 * RAW_WORDS - 1) as u16);
+            size.set_vline((GEOMETRY.height - 1) as u16);
+        });
+        Self {
+            _port: port,
+            channel,
+            ring: None,
+            raw_lines,
+        }
+    }
+
+    /// Waits for the next frame: drops what there is of this one.
+    pub fn begin_frame(&mut self) {
+        pac::DCMI.cr().modify(|control| {
+            control.set_capture(false);
+            control.set_enable(false);
+        });
+        // Ends the old transfer before the memory is lent to the new one.
+        self.ring = None;
+        let request = FrameDma::<DCMI>::request(&*self.channel);
+        // SAFETY: the only other user of the channel, the ring, is gone, and with it the only
+        // user of the memory, which is static.
+        let ring = unsafe {
+            let channel = dma::Channel::new(self.channel.clone_unchecked(), Interrupts);
+            let data = pac::DCMI.dr().as_ptr().cast();
+            let lines = &mut *self.raw_lines;
+            ReadableRingBuffer::new(channel, request, data, lines, TransferOptions::default())
+        };
+        self.ring.insert(ring).start();
+        critical_section::with(|token| {
+            PROGRESS.borrow(token).set(Progress {
+                has_ended: false,
+                ..Progress::ENDED
+            });
+        });
+        pac::DCMI.icr().write(|clear| {
+            clear.set_line_isc(true);
+            clear.set_vsync_isc(true);
+            clear.set_ovr_isc(true);
+        });
+        pac::DCMI.ier().write(|enable| {
+            enable.set_line_ie(true);
+            enable.set_vsync_ie(true);
+            enable.set_ovr_ie(true);
+        });
+        pac::DCMI.cr().modify(|control| {
+            control.set_enable(true);
+            control.set_capture(true);
+        });
+    }
+
+    /// How far the frame is.
+    pub fn progress(&self) -> Progress {
+        critical_section::with(|token| PROGRESS.borrow(token).get())
+    }
+
+    /// Copies the oldest line that was not read. It stays for the time of a line after its
+    /// end.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Overrun`] when it was, or may have been, written over.
+    pub fn read(&mut self, raw: &mut [u32; RAW_WORDS]) -> Result<(), ErrorKind> {
+        let ring = self.ring.as_mut().ok_or(ErrorKind::Other)?;
+        match ring.read(raw) {
+            Ok((RAW_WORDS, _)) => Ok(()),
+            Ok(_) => Err(ErrorKind::SyncLost),
+            Err(_) => Err(ErrorKind::Overrun),
+        }
+    }
+}

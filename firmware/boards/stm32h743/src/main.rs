@@ -1,0 +1,175 @@
+//! NUCLEO-H743ZI2 with two HM01B0 sensors on its camera port: disparities out on the serial
+//! port, a log on the debug probe. The README has the wiring.
+#![no_std]
+#![no_main]
+
+mod camera;
+mod capture;
+mod memory;
+mod sensors;
+
+use cortex_m_rt::entry;
+use defmt_rtt as _;
+use embassy_stm32::peripherals::{DCMI, DMA1_CH0, USART3};
+use embassy_stm32::rcc::{Mco, Mco1Source, McoConfig, McoPrescaler};
+use embassy_stm32::time::Hertz;
+use embassy_stm32::usart::{self, BufferedUart};
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_stm32::{bind_interrupts, dcmi, dma, gpio, i2c, rcc};
+use embassy_time::Instant;
+use panic_probe as _;
+use static_cell::ConstStaticCell;
+use vgstereo_core::camera::{Geometry, Layout, PixelFormat};
+use vgstereo_core::config::Config;
+use vgstereo_core::disparity::DisparityRange;
+use vgstereo_core::kernel::Portable;
+use vgstereo_core::matcher::Matcher;
+use vgstereo_core::preset::Preset;
+use vgstereo_firmware::serial::{SerialSink, packet_bytes};
+use vgstereo_firmware::{Event, Session, session};
+
+use crate::camera::StereoCamera;
+use crate::capture::Capture;
+
+/// What the camera delivers: the middle of the sensors' 324x244 px.
+const GEOMETRY: Geometry = Geometry {
+    width: 320,
+    height: 240,
+    format: PixelFormat::Grey8,
+};
+/// How the two views come through the port.
+const LAYOUT: Layout = Layout::PixelMultiplexed { phase: 0 };
+/// What the matcher does.
+const CONFIG: Config = Config::new(
+    Preset::Lite.parameters(),
+    GEOMETRY.width,
+    DisparityRange::up_to(47),
+);
+/// From one line to the next: the matcher's time for a line, and what the sensors are
+/// slowed down to.
+const LINE_US: u32 = 16_000;
+/// Of the serial port: a line of disparities takes 3.3 ms.
+const BAUD: u32 = 2_000_000;
+/// Longer than any read of the camera with what follows it.
+const WATCHDOG_US: u32 = 20_000_000;
+
+bind_interrupts!(struct Interrupts {
+    DCMI => capture::LineEnd, dcmi::InterruptHandler<DCMI>;
+    DMA1_STREAM0 => dma::InterruptHandler<DMA1_CH0>;
+    USART3 => usart::BufferedInterruptHandler<USART3>;
+});
+
+/// The session's two lines.
+static LINES: ConstStaticCell<[u32; session::memory_words(&GEOMETRY)]> =
+    ConstStaticCell::new([0; session::memory_words(&GEOMETRY)]);
+/// A packet of the sink.
+static PACKET: ConstStaticCell<[u8; packet_bytes(GEOMETRY.width)]> =
+    ConstStaticCell::new([0; packet_bytes(GEOMETRY.width)]);
+/// Bytes on their way out: two packets, so that sending and matching overlap.
+static OUTGOING: ConstStaticCell<[u8; 2 * packet_bytes(GEOMETRY.width)]> =
+    ConstStaticCell::new([0; 2 * packet_bytes(GEOMETRY.width)]);
+/// Incoming bytes, which nobody reads.
+static INCOMING: ConstStaticCell<[u8; 4]> = ConstStaticCell::new([0; 4]);
+
+#[entry]
+fn main() -> ! {
+    let board = embassy_stm32::init(clocks());
+    let (matcher_memory, raw_lines) = memory::take();
+
+    let mut sensor_clock = McoConfig::default();
+    sensor_clock.prescaler = McoPrescaler::DIV1;
+    let _sensor_clock = Mco::new(board.MCO1, board.PA8, Mco1Source::HSE, sensor_clock);
+    let left = i2c::I2c::new_blocking(board.I2C1, board.PB8, board.PB9, Default::default());
+    let right = i2c::I2c::new_blocking(board.I2C2, board.PF1, board.PF0, Default::default());
+    for (name, bus) in [("left", left), ("right", right)] {
+        if let Err(error) = sensors::start(bus, LINE_US) {
+            defmt::panic!("the {} sensor does not answer: {}", name, error);
+        }
+    }
+
+    let mut sync = dcmi::Config::default();
+    sync.vsync_level = dcmi::VSyncDataInvalidLevel::Low;
+    sync.hsync_level = dcmi::HSyncDataInvalidLevel::Low;
+    sync.pixclk_polarity = dcmi::PixelClockPolarity::RisingEdge;
+    // SAFETY: of the two owners of the channel, `Dcmi` uses it in `capture` alone, which
+    // is never called.
+    let channel = unsafe { board.DMA1_CH0.clone_unchecked() };
+    let port = dcmi::Dcmi::new_8bit(
+        board.DCMI,
+        board.DMA1_CH0,
+        Interrupts,
+        board.PC6,
+        board.PC7,
+        board.PC8,
+        board.PC9,
+        board.PC11,
+        board.PD3,
+        board.PE5,
+        board.PE6,
+        board.PB7,
+        board.PA4,
+        board.PA6,
+        sync,
+    );
+    let trigger = gpio::Output::new(board.PD4, gpio::Level::Low, gpio::Speed::Low);
+    let camera = StereoCamera::new(Capture::new(port, channel, raw_lines), trigger);
+
+    let mut serial = usart::Config::default();
+    serial.baudrate = BAUD;
+    let serial = BufferedUart::new(
+        board.USART3,
+        board.PD9,
+        board.PD8,
+        OUTGOING.take(),
+        INCOMING.take(),
+        Interrupts,
+        serial,
+    );
+    let serial = defmt::unwrap!(serial);
+    let sink = SerialSink::new(serial, PACKET.take());
+
+    let matcher = defmt::unwrap!(Matcher::new(&CONFIG, Portable, matcher_memory));
+    let mut session = defmt::unwrap!(Session::new(camera, matcher, sink, LINES.take()));
+    let mut watchdog = IndependentWatchdog::new(board.IWDG1, WATCHDOG_US);
+    watchdog.unleash();
+    let mut begun = Instant::now();
+    loop {
+        watchdog.pet();
+        match session.step() {
+            Ok(Event::FrameDone { frame }) => {
+                let took = core::mem::replace(&mut begun, Instant::now()).elapsed();
+                let statistics = session.statistics();
+                defmt::info!("frame {} in {}: {}", frame, took, statistics);
+            }
+            Ok(Event::Fault(fault)) => defmt::warn!("{}", fault),
+            Ok(_) => {}
+            Err(error) => defmt::warn!("{}", error),
+        }
+    }
+}
+
+/// 400 MHz from the 8 MHz that the board's debug probe gives.
+fn clocks() -> embassy_stm32::Config {
+    let mut config = embassy_stm32::Config::default();
+    config.rcc.hse = Some(rcc::Hse {
+        freq: Hertz::mhz(8),
+        mode: rcc::HseMode::Bypass,
+    });
+    config.rcc.pll1 = Some(rcc::Pll {
+        source: rcc::PllSource::HSE,
+        prediv: rcc::PllPreDiv::DIV1,
+        mul: rcc::PllMul::MUL100,
+        fracn: None,
+        divp: Some(rcc::PllDiv::DIV2),
+        divq: None,
+        divr: None,
+    });
+    config.rcc.sys = rcc::Sysclk::PLL1_P;
+    config.rcc.ahb_pre = rcc::AHBPrescaler::DIV2;
+    config.rcc.apb1_pre = rcc::APBPrescaler::DIV2;
+    config.rcc.apb2_pre = rcc::APBPrescaler::DIV2;
+    config.rcc.apb3_pre = rcc::APBPrescaler::DIV2;
+    config.rcc.apb4_pre = rcc::APBPrescaler::DIV2;
+    config.rcc.voltage_scale = rcc::VoltageScale::Scale1;
+    config
+}

@@ -1,0 +1,55 @@
+//! Setting up an HM01B0: a window of 324x244 px, lines at the matcher's pace, a fixed exposure.
+
+use embassy_time::Delay;
+use embedded_hal::i2c::I2c;
+use hm01b0::{Error, Exposure, Hm01b0, Mode, registers};
+
+/// Pixel clocks in a millisecond: half the clock that the sensor is given.
+const PIXEL_CLOCKS_PER_MS: u32 = 4000;
+/// Lines of a frame with its gap.
+const FRAME_LINES: u16 = 260;
+/// As long as lines are long, 2 of them are an exposure for rooms. Both sensors have the
+/// same: one that each chose for itself would drift apart.
+const EXPOSURE: Exposure = Exposure {
+    integration_lines: 2,
+    analog_gain: 0,
+    digital_gain: 0x100,
+};
+
+// Registers that the driver has no name for.
+const FRAME_LENGTH_LINES_HIGH: u16 = 0x0340;
+const FRAME_LENGTH_LINES_LOW: u16 = 0x0341;
+const LINE_LENGTH_HIGH: u16 = 0x0342;
+const LINE_LENGTH_LOW: u16 = 0x0343;
+const QVGA_WINDOW: u16 = 0x3010;
+/// Bits of [`registers::OSC_CLK_DIV`]: the divider of the clock, with its value for 2, and
+/// whether the pixel clock stops between lines, where the port needs it to see the sync.
+const CLOCK_DIVIDER: u8 = 0b11;
+const DIVIDED_BY_2: u8 = 0b10;
+const GATED_CLOCK: u8 = 1 << 5;
+
+/// Sets the sensor on `bus` up and leaves it waiting for its trigger.
+///
+/// # Errors
+/// The bus's, or that something else answers.
+pub fn start<B: I2c>(bus: B, line_us: u32) -> Result<(), Error<B::Error>> {
+    let mut sensor = Hm01b0::new(bus);
+    sensor.init(&mut Delay)?;
+    sensor.modify_register(registers::OSC_CLK_DIV, |bits| {
+        bits & !(GATED_CLOCK | CLOCK_DIVIDER) | DIVIDED_BY_2
+    })?;
+    let line_clocks = (line_us * PIXEL_CLOCKS_PER_MS / 1000).min(u16::MAX.into()) as u16;
+    let [line_high, line_low] = line_clocks.to_be_bytes();
+    let [frame_high, frame_low] = FRAME_LINES.to_be_bytes();
+    for (register, value) in [
+        (QVGA_WINDOW, 1),
+        (LINE_LENGTH_HIGH, line_high),
+        (LINE_LENGTH_LOW, line_low),
+        (FRAME_LENGTH_LINES_HIGH, frame_high),
+        (FRAME_LENGTH_LINES_LOW, frame_low),
+    ] {
+        sensor.write_register(register, value)?;
+    }
+    sensor.set_exposure(&EXPOSURE)?;
+    sensor.set_mode(Mode::Trigger)
+}
