@@ -28,12 +28,13 @@ const RAM_KIB: [(Board, Preset, u32, u16, u64); 5] = [
 type BoardTest = fn(&Board) -> Result<(), Failed>;
 
 /// Of every emulated board; ignored where something that the board needs is missing.
-const TESTS: [(&str, BoardTest); 7] = [
+const TESTS: [(&str, BoardTest); 8] = [
     ("presets", same_bytes_with_every_preset),
     ("faults", exact_under_every_fault),
     ("random_faults", exact_under_random_faults),
     ("dead_camera", a_dead_camera_ends_the_run),
     ("counts", the_same_counts_in_every_run),
+    ("log", every_frame_is_logged),
     ("panics", no_panic_in_the_pipeline),
     ("memory", within_the_memory_promised),
 ];
@@ -155,6 +156,22 @@ fn the_same_counts_in_every_run(board: &Board) -> Result<(), Failed> {
     let ((_, first), (_, second)) = (count().map_err(text)?, count().map_err(text)?);
     assert_eq!(first, second);
     assert!(first.instructions.iter().all(|&count| count > 0), "{first}");
+    Ok(())
+}
+
+fn every_frame_is_logged(board: &Board) -> Result<(), Failed> {
+    let firmware = build(board).map_err(text)?;
+    let pair = small_pair();
+    let fault = "1:10:overrun".parse().unwrap();
+    let request = pair.request(Preset::Lite, 2, &[fault]).map_err(text)?;
+    let ran = emulator::run_logged(board, &firmware, &pair, &request, Clock::Host);
+    let (_, _, log) = ran.map_err(text)?;
+    // Of 40 lines a frame, the second one is lost from line 10 on.
+    let lines = [
+        "info frame 0: 40 lines so far, 0 dropped; 0 frames dropped",
+        "info frame 2: 90 lines so far, 30 dropped; 1 frames dropped",
+    ];
+    assert_eq!(log, lines);
     Ok(())
 }
 

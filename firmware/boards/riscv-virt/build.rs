@@ -6,6 +6,7 @@ fn main() {
     println!("cargo::rerun-if-changed={folder}/memory.x");
     println!("cargo::rustc-link-arg-bins=-Tmemory.x");
     println!("cargo::rustc-link-arg-bins=-Tlink.x");
+    println!("cargo::rustc-link-arg-bins=-Tdefmt.x");
     // Takes no flash: a test finds the calls of panic functions by them.
     println!("cargo::rustc-link-arg-bins=--emit-relocs");
 }

@@ -2,7 +2,6 @@
 
 use std::ffi::CStr;
 use std::fs::{self, File};
-use std::io::Read;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -15,10 +14,16 @@ use wait_timeout::ChildExt;
 
 use crate::board::Board;
 use crate::host::Frames;
+use crate::log;
 use crate::pair::Pair;
 
 /// An emulator that runs longer hangs.
 const LONGEST_RUN: Duration = Duration::from_secs(600);
+
+/// What the board logs: the emulator's standard output.
+const LOG_FILE: &CStr = c"log.defmt";
+/// What the emulator complains of.
+const COMPLAINT_FILE: &CStr = c"complaint.txt";
 
 /// How an emulator keeps time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,10 +34,10 @@ pub enum Clock {
     Instructions,
 }
 
-/// Runs a board's firmware on a pair.
+/// Runs a board's firmware on a pair, without its log.
 ///
 /// # Errors
-/// One line that says what the emulator or the board complains of.
+/// As [`run_logged`].
 pub fn run(
     board: &Board,
     firmware: &Path,
@@ -40,6 +45,21 @@ pub fn run(
     request: &Request,
     clock: Clock,
 ) -> Result<(Frames, Report)> {
+    let (frames, report, _) = run_logged(board, firmware, pair, request, clock)?;
+    Ok((frames, report))
+}
+
+/// Runs a board's firmware on a pair; gives the lines of its log too.
+///
+/// # Errors
+/// One line that says what the emulator or the board complains of.
+pub fn run_logged(
+    board: &Board,
+    firmware: &Path,
+    pair: &Pair,
+    request: &Request,
+    clock: Clock,
+) -> Result<(Frames, Report, Vec<String>)> {
     let emulation = board.emulation()?;
     let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
     let path = |name: &CStr| folder.path().join(&*name.to_string_lossy());
@@ -53,8 +73,10 @@ pub fn run(
         semihosting += ",arg=";
         semihosting += word;
     }
-    let log = path(c"emulator.log");
-    let log_file = File::create(&log).context("cannot write a temporary file")?;
+    let create = |name: &CStr| {
+        let file = File::create(path(name));
+        file.context("cannot write a temporary file")
+    };
     let mut command = Command::new(emulation.program);
     command
         .args(emulation.arguments)
@@ -64,8 +86,8 @@ pub fn run(
         // The board's files are opened here.
         .current_dir(folder.path())
         .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(log_file);
+        .stdout(create(LOG_FILE)?)
+        .stderr(create(COMPLAINT_FILE)?);
     if clock == Clock::Instructions {
         command.args(["-icount", &format!("shift={}", emulation.count_shift)]);
     }
@@ -77,8 +99,8 @@ pub fn run(
         bail!("{} is not done after {LONGEST_RUN:?}", board.name);
     };
     if !status.success() {
-        let mut complaint = String::new();
-        File::open(&log)?.read_to_string(&mut complaint)?;
+        let complaint = read(COMPLAINT_FILE)?;
+        let complaint = String::from_utf8_lossy(&complaint);
         bail!("{} ended with {status}: {complaint}", emulation.program);
     }
 
@@ -103,5 +125,6 @@ pub fn run(
     );
     frames.disparities.truncate(2 * pixels);
     frames.confidences.truncate(pixels);
-    Ok((frames, report))
+    let log = log::lines(firmware, &read(LOG_FILE)?)?;
+    Ok((frames, report, log))
 }

@@ -3,8 +3,9 @@
 //! A board brings a counter of instructions, memory to lend and the bounds of its stack;
 //! `run` does the rest: it reads a [`Request`] from the command line, matches the frames
 //! of a camera whose lines come from a file, one pair at a time, writes the disparities
-//! to another, and leaves a [`Report`]. The host's side writes the one and reads the
-//! other. Only built for a chip: `camera`, `run`, `sink` and `stack`.
+//! to another, logs each frame with defmt on standard output, and leaves a [`Report`]. The
+//! host's side writes the one and reads the others. Only built for a chip: `camera`, `run`,
+//! `sink` and `stack`.
 #![no_std]
 
 #[cfg(test)]

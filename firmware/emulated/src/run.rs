@@ -3,6 +3,7 @@
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
 
+use defmt_semihosting as _;
 use semihosting::fs::File;
 use semihosting::process;
 use semihosting::sys::arm_compat::sys_get_cmdline_uninit;
@@ -10,7 +11,7 @@ use vgstereo_core::kernel::Kernels;
 use vgstereo_core::matcher::Matcher;
 use vgstereo_firmware::faults::FaultyCamera;
 use vgstereo_firmware::session::{self, ATTEMPT_FRAMES};
-use vgstereo_firmware::{Event, Session};
+use vgstereo_firmware::{Event, Session, Statistics};
 
 use crate::camera::FileCamera;
 use crate::meter::{Counter, Meter, Metered, Stage};
@@ -87,8 +88,9 @@ fn serve<C: Counter>(
             break;
         }
         let event = meter.measure(Stage::ChecksAndRest, || session.step());
-        if let Event::FrameDone { .. } = event.map_err(|_| Refusal("the sink failed"))? {
+        if let Event::FrameDone { frame } = event.map_err(|_| Refusal("the sink failed"))? {
             frames += 1;
+            log_frame(frame, session.statistics());
         }
     }
     Ok(Report {
@@ -97,6 +99,18 @@ fn serve<C: Counter>(
         working_bytes: request.working_bytes() as u32,
         stack_bytes: 0,
     })
+}
+
+/// Number by number: the logger asserts, and what formats the whole would be taken for the
+/// pipeline's.
+fn log_frame(frame: u32, statistics: Statistics) {
+    defmt::info!(
+        "frame {=u32}: {=u32} lines so far, {=u32} dropped; {=u32} frames dropped",
+        frame,
+        statistics.lines,
+        statistics.lines_dropped,
+        statistics.frames_dropped
+    );
 }
 
 fn read_request() -> Option<Request> {

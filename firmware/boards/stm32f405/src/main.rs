@@ -2,6 +2,8 @@
 #![no_std]
 #![no_main]
 
+// Critical sections, for the log.
+use cortex_m as _;
 use cortex_m_rt::entry;
 use static_cell::ConstStaticCell;
 use vgstereo_core::kernel::Portable;

@@ -95,7 +95,8 @@ impl Run {
             pair.size(),
             self.board.name
         );
-        let (frames, report) = emulator::run(&self.board, &firmware, &pair, &request, Clock::Host)?;
+        let ran = emulator::run_logged(&self.board, &firmware, &pair, &request, Clock::Host)?;
+        let (frames, report, log) = ran;
         let (width, height) = pair.left.dimensions();
         let all_q4 = frames.disparities_q4();
         let last_q4 = all_q4.chunks_exact(width as usize * height as usize).last();
@@ -110,6 +111,9 @@ impl Run {
             report.working_bytes,
             report.stack_bytes
         );
+        for line in log {
+            writeln!(text, "{line}")?;
+        }
         for (name, count) in report.counters().filter(|&(_, count)| count > 0) {
             writeln!(text, "{name} {count}")?;
         }
