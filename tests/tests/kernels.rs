@@ -4,6 +4,7 @@
 use proptest::prelude::*;
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
+use vgstereo_chip_kernels::Armv7em;
 use vgstereo_core::aggregation::{AggregateRow, path_scratch_bytes};
 use vgstereo_core::disparity::INVALID;
 use vgstereo_core::kernel::{Kernels, Portable};
@@ -332,6 +333,7 @@ proptest! {
             let found = aggregate(kernels, size, seed);
             prop_assert!(found == expected, "{}", kernels.name());
         }
+        prop_assert!(aggregate(Armv7em, size, seed) == expected, "Armv7em");
     }
 
     #[test]
@@ -347,6 +349,7 @@ proptest! {
             let found = weighted_median(kernels, size, seed);
             prop_assert_eq!(&found, &expected, "{}", kernels.name());
         }
+        prop_assert_eq!(&weighted_median(Armv7em, size, seed), &expected, "Armv7em");
     }
 
     #[test]
@@ -361,6 +364,9 @@ proptest! {
             kernels.median9_row(rows, &mut found);
             prop_assert_eq!(&found, &expected, "{}", kernels.name());
         }
+        let mut found = vec![2; width];
+        Armv7em.median9_row(rows, &mut found);
+        prop_assert_eq!(&found, &expected, "Armv7em");
     }
 
     #[test]
@@ -375,6 +381,7 @@ proptest! {
         for kernels in HostKernels::available() {
             prop_assert_eq!(&arms(kernels, size, seed), &expected, "{}", kernels.name());
         }
+        prop_assert_eq!(&arms(Armv7em, size, seed), &expected, "Armv7em");
     }
 
     #[test]
@@ -388,6 +395,7 @@ proptest! {
         for kernels in HostKernels::available() {
             prop_assert_eq!(&masks(kernels, size, seed), &expected, "{}", kernels.name());
         }
+        prop_assert_eq!(&masks(Armv7em, size, seed), &expected, "Armv7em");
     }
 
     #[test]
@@ -402,6 +410,7 @@ proptest! {
         for kernels in HostKernels::available() {
             prop_assert_eq!(&differences(kernels, size, seed), &expected, "{}", kernels.name());
         }
+        prop_assert_eq!(&differences(Armv7em, size, seed), &expected, "Armv7em");
     }
 
     #[test]
@@ -417,5 +426,6 @@ proptest! {
         for kernels in HostKernels::available() {
             prop_assert_eq!(&costs(kernels, size, seed), &expected, "{}", kernels.name());
         }
+        prop_assert_eq!(&costs(Armv7em, size, seed), &expected, "Armv7em");
     }
 }

@@ -6,7 +6,7 @@
 use cortex_m as _;
 use cortex_m_rt::entry;
 use static_cell::ConstStaticCell;
-use vgstereo_core::kernel::Portable;
+use vgstereo_chip_kernels::Armv7em;
 use vgstereo_emulated::meter::Counter;
 use vgstereo_emulated::run::run;
 use vgstereo_emulated::stack::Stack;
@@ -55,5 +55,5 @@ unsafe extern "C" {
 fn main() -> ! {
     // SAFETY: the bounds are the linker's, there is no heap and no interrupt is enabled.
     let stack = unsafe { Stack::paint(&raw mut _stack_end, &raw mut _stack_start) };
-    run(Timer0::start(), Portable, MEMORY.take(), stack)
+    run(Timer0::start(), Armv7em, MEMORY.take(), stack)
 }

@@ -1,0 +1,232 @@
+//! Four bytes or two halfwords of a register side by side.
+//!
+//! Lane 0 is the lowest: the first in memory. The only module with `unsafe` code: each
+//! use is an instruction that reads and writes nothing but registers and flags.
+
+/// Evaluates an instruction of two operands, or on other targets plain code.
+macro_rules! instruction {
+    ($(#[$doc:meta])* $name:ident, $text:literal, $plain:expr) => {
+        $(#[$doc])*
+        #[inline(always)]
+        #[must_use]
+        pub fn $name(a: u32, b: u32) -> u32 {
+            #[cfg(dsp_extension)]
+            {
+                let result;
+                // SAFETY: the instruction works on registers alone.
+                unsafe {
+                    core::arch::asm!(
+                        concat!($text, " {}, {}, {}"),
+                        lateout(reg) result, in(reg) a, in(reg) b,
+                        options(pure, nomem, nostack, preserves_flags),
+                    );
+                }
+                result
+            }
+            #[cfg(not(dsp_extension))]
+            {
+                $plain(a, b)
+            }
+        }
+    };
+}
+
+instruction! {
+    /// Sums of bytes, at most 255.
+    add_saturating_u8x4, "uqadd8", |a, b| bytes(a, b, u8::saturating_add)
+}
+instruction! {
+    /// Differences of bytes, at least 0.
+    sub_saturating_u8x4, "uqsub8", |a, b| bytes(a, b, u8::saturating_sub)
+}
+instruction! {
+    /// Halves of sums of bytes, rounded down.
+    halve_sum_u8x4, "uhadd8", |a, b| bytes(a, b, u8::midpoint)
+}
+instruction! {
+    /// Differences of halfwords, at least 0.
+    sub_saturating_u16x2, "uqsub16", |a, b| halfwords(a, b, u16::saturating_sub)
+}
+instruction! {
+    /// Sums of halfwords, at most 65535.
+    add_saturating_u16x2, "uqadd16", |a, b| halfwords(a, b, u16::saturating_add)
+}
+
+/// Where a byte of `a` is at least that of `b` the byte of `yes`, elsewhere that of `no`.
+#[inline(always)]
+#[must_use]
+pub fn select_ge_u8x4(a: u32, b: u32, yes: u32, no: u32) -> u32 {
+    #[cfg(dsp_extension)]
+    {
+        let result;
+        // SAFETY: the instructions work on registers and the flags that they set alone.
+        unsafe {
+            core::arch::asm!(
+                "usub8 {result}, {a}, {b}",
+                "sel {result}, {yes}, {no}",
+                result = out(reg) result,
+                a = in(reg) a, b = in(reg) b, yes = in(reg) yes, no = in(reg) no,
+                options(pure, nomem, nostack),
+            );
+        }
+        result
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        let mask = bytes(a, b, |a, b| if a >= b { u8::MAX } else { 0 });
+        yes & mask | no & !mask
+    }
+}
+
+/// The same of signed halfwords.
+#[inline(always)]
+#[must_use]
+pub fn select_ge_i16x2(a: u32, b: u32, yes: u32, no: u32) -> u32 {
+    #[cfg(dsp_extension)]
+    {
+        let result;
+        // SAFETY: the instructions work on registers and the flags that they set alone.
+        unsafe {
+            core::arch::asm!(
+                "ssub16 {result}, {a}, {b}",
+                "sel {result}, {yes}, {no}",
+                result = out(reg) result,
+                a = in(reg) a, b = in(reg) b, yes = in(reg) yes, no = in(reg) no,
+                options(pure, nomem, nostack),
+            );
+        }
+        result
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        let at_least = |a: u16, b: u16| {
+            if a.cast_signed() >= b.cast_signed() {
+                u16::MAX
+            } else {
+                0
+            }
+        };
+        let mask = halfwords(a, b, at_least);
+        yes & mask | no & !mask
+    }
+}
+
+/// The sum of the absolute differences of four bytes, and `sum`.
+#[inline(always)]
+#[must_use]
+pub fn add_distances_u8x4(a: u32, b: u32, sum: u32) -> u32 {
+    #[cfg(dsp_extension)]
+    {
+        let result;
+        // SAFETY: the instruction works on registers alone.
+        unsafe {
+            core::arch::asm!(
+                "usada8 {}, {}, {}, {}",
+                lateout(reg) result, in(reg) a, in(reg) b, in(reg) sum,
+                options(pure, nomem, nostack, preserves_flags),
+            );
+        }
+        result
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        let (a, b) = (a.to_le_bytes(), b.to_le_bytes());
+        let distances = a.iter().zip(b).map(|(&a, b)| u32::from(a.abs_diff(b)));
+        distances.fold(sum, u32::wrapping_add)
+    }
+}
+
+/// The smaller bytes.
+#[inline(always)]
+#[must_use]
+pub fn min_u8x4(a: u32, b: u32) -> u32 {
+    // No byte borrows.
+    a.wrapping_sub(sub_saturating_u8x4(a, b))
+}
+
+/// The larger bytes.
+#[inline(always)]
+#[must_use]
+pub fn max_u8x4(a: u32, b: u32) -> u32 {
+    // No byte carries.
+    b.wrapping_add(sub_saturating_u8x4(a, b))
+}
+
+/// Absolute differences of bytes.
+#[inline(always)]
+#[must_use]
+pub fn distance_u8x4(a: u32, b: u32) -> u32 {
+    // One of the two is 0.
+    sub_saturating_u8x4(a, b) | sub_saturating_u8x4(b, a)
+}
+
+/// The smaller halfwords.
+#[inline(always)]
+#[must_use]
+pub fn min_u16x2(a: u32, b: u32) -> u32 {
+    // No halfword borrows.
+    a.wrapping_sub(sub_saturating_u16x2(a, b))
+}
+
+/// The larger halfwords.
+#[inline(always)]
+#[must_use]
+pub fn max_u16x2(a: u32, b: u32) -> u32 {
+    // No halfword carries.
+    b.wrapping_add(sub_saturating_u16x2(a, b))
+}
+
+/// Bytes 0 and 2 as halfwords.
+#[inline(always)]
+#[must_use]
+pub fn even_bytes(a: u32) -> u32 {
+    a & 0x00ff_00ff
+}
+
+/// Bytes 1 and 3 as halfwords.
+#[inline(always)]
+#[must_use]
+pub fn odd_bytes(a: u32) -> u32 {
+    a >> 8 & 0x00ff_00ff
+}
+
+/// Four times a byte.
+#[inline(always)]
+#[must_use]
+pub const fn splat_u8(byte: u8) -> u32 {
+    // Multiplied when called, but folded where the byte is known.
+    byte as u32 * 0x0101_0101
+}
+
+/// Twice a halfword.
+#[inline(always)]
+#[must_use]
+pub const fn splat_u16(halfword: u16) -> u32 {
+    (halfword as u32) << 16 | halfword as u32
+}
+
+/// Four bytes as they stand in memory, at whatever address.
+#[inline(always)]
+#[must_use]
+pub const fn load(bytes: &[u8; 4]) -> u32 {
+    u32::from_le_bytes(*bytes)
+}
+
+/// Writes four bytes.
+#[inline(always)]
+pub const fn store(word: u32, bytes: &mut [u8; 4]) {
+    *bytes = word.to_le_bytes();
+}
+
+#[cfg(not(dsp_extension))]
+fn bytes(a: u32, b: u32, each: impl Fn(u8, u8) -> u8) -> u32 {
+    let (a, b) = (a.to_le_bytes(), b.to_le_bytes());
+    u32::from_le_bytes(core::array::from_fn(|lane| each(a[lane], b[lane])))
+}
+
+#[cfg(not(dsp_extension))]
+fn halfwords(a: u32, b: u32, each: impl Fn(u16, u16) -> u16) -> u32 {
+    let low = each(a as u16, b as u16);
+    let high = each((a >> 16) as u16, (b >> 16) as u16);
+    u32::from(high) << 16 | u32::from(low)
+}
