@@ -7,14 +7,28 @@
 #![cfg_attr(not(test), no_std)]
 #![deny(unsafe_code)]
 
+mod aggregate;
+mod cost;
 #[allow(unsafe_code)]
 pub mod simd;
 
+use vgstereo_core::aggregation::AggregateRow;
 use vgstereo_core::kernel::Kernels;
+use vgstereo_core::matching::CostRun;
 
 /// Kernels of byte SIMD, the same bits as
 /// [`Portable`](vgstereo_core::kernel::Portable)'s.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Armv7em;
 
-impl Kernels for Armv7em {}
+impl Kernels for Armv7em {
+    #[inline]
+    fn cost_run(&self, row: &CostRun<'_>, costs: &mut [u8]) {
+        cost::cost_run(row, costs);
+    }
+
+    #[inline]
+    fn aggregate_row(&self, row: &mut AggregateRow<'_>) {
+        aggregate::aggregate_row(row);
+    }
+}

@@ -52,6 +52,34 @@ instruction! {
     add_saturating_u16x2, "uqadd16", |a, b| halfwords(a, b, u16::saturating_add)
 }
 
+instruction! {
+    /// Halfwords `a`, more bytes 0 and 2 of `b`.
+    add_even_bytes, "uxtab16", |a: u32, b| a.wrapping_add(even_bytes(b))
+}
+
+/// Halfwords `a`, more bytes 1 and 3 of `b`.
+#[inline(always)]
+#[must_use]
+pub fn add_odd_bytes(a: u32, b: u32) -> u32 {
+    #[cfg(dsp_extension)]
+    {
+        let result;
+        // SAFETY: the instruction works on registers alone.
+        unsafe {
+            core::arch::asm!(
+                "uxtab16 {}, {}, {}, ror #8",
+                lateout(reg) result, in(reg) a, in(reg) b,
+                options(pure, nomem, nostack, preserves_flags),
+            );
+        }
+        result
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        a.wrapping_add(odd_bytes(b))
+    }
+}
+
 /// Where a byte of `a` is at least that of `b` the byte of `yes`, elsewhere that of `no`.
 #[inline(always)]
 #[must_use]

@@ -1,0 +1,350 @@
+//! Aggregation of up to 64 disparities, four to a register.
+//!
+//! A sum of three paths and its index fit 16 bits as a key, whose least is the first of
+//! the least sums. Keys are made of even and odd disparities apart, as the bytes of a
+//! register widen; the least of each pair of neighbours is kept for the second best.
+
+use vgstereo_core::aggregation::{AggregateRow, aggregate_row as portable};
+use vgstereo_core::disparity::STEPS_PER_PX;
+use vgstereo_core::matching::NO_DISTANCE;
+
+use crate::simd::{
+    add_even_bytes, add_odd_bytes, add_saturating_u8x4, even_bytes, load, min_u8x4, min_u16x2,
+    odd_bytes, splat_u8, splat_u16, store,
+};
+
+/// Most disparities, rounded up.
+const MAX_STRIDE: usize = 64;
+
+/// Bits of the index below the sum in a key; a sum is at most 3 times 255.
+const INDEX_BITS: u32 = 6;
+const INDEX_MASK: u32 = (1 << INDEX_BITS) - 1;
+
+/// Bytes before and after the costs of a path; a whole word keeps those aligned.
+const GUARD: usize = 4;
+
+/// Four disparities.
+type Quad = [u8; 4];
+
+/// Aggregates a row and selects.
+pub fn aggregate_row(row: &mut AggregateRow<'_>) {
+    // The other view's slots of all pixels' disparities.
+    let slots = row.best.len() + row.disparities;
+    if row.disparities == 0 || row.disparities > row.stride || row.other_best.len() + 1 < slots {
+        return portable(row);
+    }
+    match row.stride {
+        16 => aggregate::<4>(row),
+        32 => aggregate::<8>(row),
+        48 => aggregate::<12>(row),
+        MAX_STRIDE => aggregate::<16>(row),
+        _ => portable(row),
+    }
+}
+
+/// The same for `4 * QUADS` disparities.
+#[inline(never)]
+fn aggregate<const QUADS: usize>(row: &mut AggregateRow<'_>) {
+    let costs = pixels::<QUADS>(row.costs);
+    let from_right = pixels_mut::<QUADS>(row.from_right);
+    let from_above = pixels_mut::<QUADS>(row.from_above);
+    let p1 = splat_u8(row.p1);
+    let (mut previous, mut next) = (&mut Path::new(), &mut Path::new());
+
+    // From the right, over the penalties between a pixel and the one on its right.
+    let penalties = core::iter::once(&0).chain(row.p2_along.iter().skip(1).rev());
+    let mut least = None;
+    for ((costs, from_right), &p2) in costs.iter().zip(&mut *from_right).rev().zip(penalties) {
+        let costs_next = next.quads_mut(QUADS);
+        least = Some(least_of(match least {
+            None => begin(costs, costs_next),
+            Some(least) => step(previous, least, costs, p1, p2, costs_next),
+        }));
+        from_right.copy_from_slice(costs_next);
+        core::mem::swap(&mut previous, &mut next);
+    }
+
+    // From the left and from above; all three are there, so each pixel is decided at once.
+    let mut above = Path::new();
+    let mut others = Others::new(row.other_best, row.best.len(), row.disparities);
+    let mut least = None;
+    let penalties = row.p2_along.iter().zip(row.p2_down);
+    let rows = costs.iter().zip(&*from_right).zip(from_above);
+    let outputs = row.best.iter_mut().zip(&mut *row.refined_q4);
+    let outputs = outputs.zip(&mut *row.margins);
+    for ((((costs, from_right), from_above), (&p2_along, &p2_down)), output) in
+        rows.zip(penalties).zip(outputs)
+    {
+        let from_left = next.quads_mut(QUADS);
+        least = Some(least_of(match least {
+            None => begin(costs, from_left),
+            Some(least) => step(previous, least, costs, p1, p2_along, from_left),
+        }));
+        if row.is_first {
+            *from_above = *costs;
+        } else {
+            let least = least_of(begin(from_above, above.quads_mut(QUADS)));
+            step(&above, least, costs, p1, p2_down, from_above);
+        }
+        let ((best, refined_q4), margin) = output;
+        let paths = [&*from_left, &from_right[..], &from_above[..]];
+        let mut pairs = [u32::MAX; MAX_STRIDE / 4 + 1];
+        let key = others.meet(paths, &mut pairs);
+        let selected = select::<QUADS>(key, paths, &mut pairs, row.disparities);
+        *best = selected.index;
+        *refined_q4 = selected.refined_q4;
+        *margin = selected.margin;
+        core::mem::swap(&mut previous, &mut next);
+    }
+    others.finish();
+}
+
+fn pixels<const QUADS: usize>(row: &[u8]) -> &[[Quad; QUADS]] {
+    row.as_chunks().0.as_chunks().0
+}
+
+fn pixels_mut<const QUADS: usize>(row: &mut [u8]) -> &mut [[Quad; QUADS]] {
+    row.as_chunks_mut().0.as_chunks_mut().0
+}
+
+/// Path costs of a pixel, with guards of the highest cost around them: beyond the range
+/// no path is cheapest.
+struct Path([u8; MAX_STRIDE + 2 * GUARD]);
+
+impl Path {
+    const fn new() -> Self {
+        Self([u8::MAX; MAX_STRIDE + 2 * GUARD])
+    }
+
+    /// Quads that begin `shift` disparities away from the first, -1 to 1.
+    #[inline(always)]
+    fn quads(&self, shift: isize) -> &[Quad] {
+        let from = GUARD.wrapping_add_signed(shift);
+        self.0.get(from..).unwrap_or_default().as_chunks().0
+    }
+
+    #[inline(always)]
+    fn quads_mut(&mut self, count: usize) -> &mut [Quad] {
+        let quads = self.0.as_chunks_mut().0;
+        quads
+            .get_mut(GUARD / 4..GUARD / 4 + count)
+            .unwrap_or_default()
+    }
+}
+
+/// A path begins with the costs of its first pixel; gives the least costs.
+#[inline(always)]
+fn begin<const QUADS: usize>(costs: &[Quad; QUADS], path: &mut [Quad]) -> u32 {
+    let mut least = u32::MAX;
+    for (next, cost) in path.iter_mut().zip(costs) {
+        least = min_u8x4(least, load(cost));
+        *next = *cost;
+    }
+    least
+}
+
+/// One pixel along a path; gives the least costs.
+#[inline(always)]
+fn step<const QUADS: usize>(
+    previous: &Path,
+    least: u32,
+    costs: &[Quad; QUADS],
+    p1: u32,
+    p2: u8,
+    next: &mut [Quad],
+) -> u32 {
+    let p2 = splat_u8(p2);
+    let mut least_next = u32::MAX;
+    let before = previous.quads(-1).iter().zip(previous.quads(0));
+    let before = before.zip(previous.quads(1));
+    for ((next, cost), ((below, same), above)) in next.iter_mut().zip(costs).zip(before) {
+        let neighbour = add_saturating_u8x4(min_u8x4(load(below), load(above)), p1);
+        // No path cost is below the least.
+        let onward = min_u8x4(load(same), neighbour).wrapping_sub(least);
+        let path = add_saturating_u8x4(load(cost), min_u8x4(onward, p2));
+        least_next = min_u8x4(least_next, path);
+        store(path, next);
+    }
+    least_next
+}
+
+/// The least of four bytes, four times.
+#[inline(always)]
+fn least_of(quad: u32) -> u32 {
+    let pair = min_u8x4(quad, quad >> 16);
+    splat_u8(min_u8x4(pair, pair >> 8) as u8)
+}
+
+/// The best match of each pixel of the other view.
+///
+/// Only as many positions as there are disparities are still open at a pixel; their keys
+/// stand in a window that moves one position down from pixel to pixel.
+struct Others<'a> {
+    /// Keys of even and odd positions of the window.
+    planes: [[u8; 2 * MAX_STRIDE]; 2],
+    /// Position of the pixel's lowest disparity in the window.
+    offset: usize,
+    /// Where positions go that are done, those of the next pixels before it.
+    done: &'a mut [u32],
+    disparities: usize,
+}
+
+/// Positions of the window.
+const WINDOW: usize = 2 * MAX_STRIDE;
+
+impl<'a> Others<'a> {
+    fn new(other_best: &'a mut [u32], count: usize, disparities: usize) -> Self {
+        let split = (count + disparities).saturating_sub(1);
+        let (done, beyond) = other_best.split_at_mut(split.min(other_best.len()));
+        beyond.fill(u32::MAX);
+        Self {
+            planes: [[u8::MAX; 2 * MAX_STRIDE]; 2],
+            offset: WINDOW - MAX_STRIDE - 1,
+            done,
+            disparities,
+        }
+    }
+
+    /// Takes the next pixel's paths; gives its least key, and that of each pair of
+    /// neighbouring disparities.
+    #[inline(always)]
+    fn meet(&mut self, paths: [&[Quad]; 3], pairs: &mut [u32; MAX_STRIDE / 4 + 1]) -> u32 {
+        let offset = self.offset;
+        let [even, odd] = &mut self.planes;
+        let (even, odd) = if offset.is_multiple_of(2) {
+            (even, odd)
+        } else {
+            (odd, even)
+        };
+        let even = even.get_mut(offset / 2 * 2..).unwrap_or_default();
+        let odd = odd.get_mut(offset.div_ceil(2) * 2..).unwrap_or_default();
+        let [left, right, above] = paths;
+        let rows = left.iter().zip(right).zip(above).zip(pairs);
+        let others = even.as_chunks_mut().0.iter_mut();
+        let others = others.zip(odd.as_chunks_mut().0);
+        // Indices of disparities 0 and 2.
+        let mut index = 2 << 16;
+        let mut best = u32::MAX;
+        for ((((left, right), above), pair), (other_even, other_odd)) in rows.zip(others) {
+            let (left, right, above) = (load(left), load(right), load(above));
+            let sums = add_even_bytes(add_even_bytes(even_bytes(left), right), above);
+            let keys_even = (sums << INDEX_BITS) + index;
+            let sums = add_odd_bytes(add_odd_bytes(odd_bytes(left), right), above);
+            let keys_odd = (sums << INDEX_BITS) + (index + splat_u16(1));
+            store(min_u16x2(load(other_even), keys_even), other_even);
+            store(min_u16x2(load(other_odd), keys_odd), other_odd);
+            *pair = min_u16x2(keys_even, keys_odd);
+            best = min_u16x2(best, *pair);
+            index += splat_u16(4);
+        }
+        self.retire();
+        min_u16x2(best, best >> 16) & 0xffff
+    }
+
+    /// The pixel's highest disparity is where no later pixel's is.
+    #[inline(always)]
+    fn retire(&mut self) {
+        let best = self.best(self.offset + self.disparities - 1);
+        if let Some((last, rest)) = core::mem::take(&mut self.done).split_last_mut() {
+            *last = best;
+            self.done = rest;
+        }
+        match self.offset.checked_sub(1) {
+            Some(offset) => self.offset = offset,
+            None => {
+                for plane in &mut self.planes {
+                    plane.copy_within(..MAX_STRIDE, MAX_STRIDE);
+                    plane[..MAX_STRIDE].fill(u8::MAX);
+                }
+                self.offset = WINDOW - MAX_STRIDE - 1;
+            }
+        }
+    }
+
+    /// The positions that are still open.
+    fn finish(mut self) {
+        let first = self.offset + 1;
+        let done = core::mem::take(&mut self.done);
+        for (best, position) in done.iter_mut().zip(first..) {
+            *best = self.best(position);
+        }
+    }
+
+    /// The best match of a position of the window.
+    #[inline(always)]
+    fn best(&self, position: usize) -> u32 {
+        let plane = &self.planes[position % 2].as_chunks::<2>().0;
+        let key = plane
+            .get(position / 2)
+            .map_or(0, |key| u16::from_le_bytes(*key));
+        let key = u32::from(key);
+        key >> INDEX_BITS << 16 | key & INDEX_MASK
+    }
+}
+
+/// What is known of a pixel from its sums.
+struct Selected {
+    index: u16,
+    refined_q4: i16,
+    margin: i16,
+}
+
+/// The best disparity, refined by a parabola through its neighbours, and how clear it is.
+#[inline(always)]
+fn select<const QUADS: usize>(
+    key: u32,
+    paths: [&[Quad]; 3],
+    pairs: &mut [u32; MAX_STRIDE / 4 + 1],
+    disparities: usize,
+) -> Selected {
+    let index = (key & INDEX_MASK) as usize;
+    let least = (key >> INDEX_BITS) as i16;
+    let sum = |index: usize| {
+        (index < disparities).then(|| {
+            let cost = |path: &[Quad]| {
+                path.as_flattened()
+                    .get(index)
+                    .map_or(0, |&cost| i16::from(cost))
+            };
+            cost(paths[0]) + cost(paths[1]) + cost(paths[2])
+        })
+    };
+    let step_q4 = match (sum(index.wrapping_sub(1)), sum(index + 1)) {
+        (Some(before), Some(after)) => parabola_q4(before - least, after - least),
+        _ => 0,
+    };
+    // The pairs of the best and its neighbours have one disparity more.
+    let (other_pair, outer) = if index.is_multiple_of(2) {
+        ((index / 2).wrapping_sub(1), index.wrapping_sub(2))
+    } else {
+        (index / 2 + 1, index + 2)
+    };
+    for pair in [index / 2, other_pair] {
+        if let Some(pairs) = pairs.get_mut(pair / 2) {
+            *pairs |= 0xffff << (pair % 2 * 16);
+        }
+    }
+    let second = pairs
+        .iter()
+        .take(QUADS)
+        .fold(u32::MAX, |a, &b| min_u16x2(a, b));
+    let second = min_u16x2(second, second >> 16) & 0xffff;
+    let second = ((second >> INDEX_BITS) as i16).min(sum(outer).unwrap_or(NO_DISTANCE));
+    // Beyond the range there are the highest sums, which are no second best.
+    let has_second = index >= 2 || index + 2 < disparities;
+    Selected {
+        index: index as u16,
+        refined_q4: index as i16 * STEPS_PER_PX + step_q4,
+        margin: if has_second { second } else { NO_DISTANCE } - least,
+    }
+}
+
+/// The same as [`vgstereo_core::aggregation::parabola_q4`]: with a divider in hardware,
+/// one division takes less than the steps without.
+#[inline(always)]
+fn parabola_q4(before: i16, after: i16) -> i16 {
+    let sum = u32::from((before + after) as u16);
+    let difference = u32::from(before.abs_diff(after));
+    let steps = (16 * difference + sum).checked_div(2 * sum).unwrap_or(0) as i16;
+    if before >= after { steps } else { -steps }
+}
