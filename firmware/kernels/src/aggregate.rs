@@ -10,7 +10,7 @@ use vgstereo_core::matching::NO_DISTANCE;
 
 use crate::simd::{
     add_even_bytes, add_odd_bytes, add_saturating_u8x4, even_bytes, load, min_u8x4, min_u16x2,
-    odd_bytes, splat_u8, splat_u16, store,
+    odd_bytes, opaque, splat_u8, splat_u16, store,
 };
 
 /// Most disparities, rounded up.
@@ -19,9 +19,6 @@ const MAX_STRIDE: usize = 64;
 /// Bits of the index below the sum in a key; a sum is at most 3 times 255.
 const INDEX_BITS: u32 = 6;
 const INDEX_MASK: u32 = (1 << INDEX_BITS) - 1;
-
-/// Bytes before and after the costs of a path; a whole word keeps those aligned.
-const GUARD: usize = 4;
 
 /// Four disparities.
 type Quad = [u8; 4];
@@ -51,23 +48,24 @@ fn aggregate<const QUADS: usize>(row: &mut AggregateRow<'_>) {
     let p1 = splat_u8(row.p1);
     let (mut previous, mut next) = (&mut Path::new(), &mut Path::new());
 
-    // From the right, over the penalties between a pixel and the one on its right.
-    let penalties = core::iter::once(&0).chain(row.p2_along.iter().skip(1).rev());
-    let mut least = None;
-    for ((costs, from_right), &p2) in costs.iter().zip(&mut *from_right).rev().zip(penalties) {
-        let costs_next = next.quads_mut(QUADS);
-        least = Some(least_of(match least {
-            None => begin(costs, costs_next),
-            Some(least) => step(previous, least, costs, p1, p2, costs_next),
-        }));
-        from_right.copy_from_slice(costs_next);
+    // From the right, over the penalties between a pixel and the one on its right. With a
+    // penalty of 0, a path begins.
+    let (mut least, mut p2) = (0, 0);
+    let pixels = costs.iter().zip(&mut *from_right).zip(row.p2_along);
+    for ((costs, from_right), &p2_left) in pixels.rev() {
+        least = step(previous, least, costs, p1, p2, |index, path| {
+            next.write(index, path);
+            write(from_right, index, path);
+        });
+        p2 = p2_left;
         core::mem::swap(&mut previous, &mut next);
     }
 
     // From the left and from above; all three are there, so each pixel is decided at once.
     let mut above = Path::new();
+    let mut pairs = [u32::MAX; MAX_STRIDE / 4 + 1];
     let mut others = Others::new(row.other_best, row.best.len(), row.disparities);
-    let mut least = None;
+    let (mut least, mut is_inside) = (0, 0);
     let penalties = row.p2_along.iter().zip(row.p2_down);
     let rows = costs.iter().zip(&*from_right).zip(from_above);
     let outputs = row.best.iter_mut().zip(&mut *row.refined_q4);
@@ -75,26 +73,27 @@ fn aggregate<const QUADS: usize>(row: &mut AggregateRow<'_>) {
     for ((((costs, from_right), from_above), (&p2_along, &p2_down)), output) in
         rows.zip(penalties).zip(outputs)
     {
-        let from_left = next.quads_mut(QUADS);
-        least = Some(least_of(match least {
-            None => begin(costs, from_left),
-            Some(least) => step(previous, least, costs, p1, p2_along, from_left),
-        }));
+        let p2_along = p2_along & is_inside;
+        is_inside = u8::MAX;
+        least = step(previous, least, costs, p1, p2_along, |index, path| {
+            next.write(index, path);
+        });
+        core::mem::swap(&mut previous, &mut next);
         if row.is_first {
             *from_above = *costs;
         } else {
-            let least = least_of(begin(from_above, above.quads_mut(QUADS)));
-            step(&above, least, costs, p1, p2_down, from_above);
+            let least = above.set(from_above);
+            step(&above, least, costs, p1, p2_down, |index, path| {
+                write(from_above, index, path);
+            });
         }
         let ((best, refined_q4), margin) = output;
-        let paths = [&*from_left, &from_right[..], &from_above[..]];
-        let mut pairs = [u32::MAX; MAX_STRIDE / 4 + 1];
+        let paths = [previous.quads(), from_right, &*from_above];
         let key = others.meet(paths, &mut pairs);
-        let selected = select::<QUADS>(key, paths, &mut pairs, row.disparities);
+        let selected = select(key, paths, &mut pairs, row.disparities);
         *best = selected.index;
         *refined_q4 = selected.refined_q4;
         *margin = selected.margin;
-        core::mem::swap(&mut previous, &mut next);
     }
     others.finish();
 }
@@ -107,43 +106,64 @@ fn pixels_mut<const QUADS: usize>(row: &mut [u8]) -> &mut [[Quad; QUADS]] {
     row.as_chunks_mut().0.as_chunks_mut().0
 }
 
+/// Writes four path costs.
+#[inline(always)]
+fn write<const QUADS: usize>(path: &mut [Quad; QUADS], index: usize, costs: u32) {
+    if let Some(quad) = path.get_mut(index) {
+        store(costs, quad);
+    }
+}
+
 /// Path costs of a pixel, with guards of the highest cost around them: beyond the range
 /// no path is cheapest.
-struct Path([u8; MAX_STRIDE + 2 * GUARD]);
+struct Path([Quad; MAX_STRIDE / 4 + 2]);
 
 impl Path {
     const fn new() -> Self {
-        Self([u8::MAX; MAX_STRIDE + 2 * GUARD])
-    }
-
-    /// Quads that begin `shift` disparities away from the first, -1 to 1.
-    #[inline(always)]
-    fn quads(&self, shift: isize) -> &[Quad] {
-        let from = GUARD.wrapping_add_signed(shift);
-        self.0.get(from..).unwrap_or_default().as_chunks().0
+        Self([[u8::MAX; 4]; _])
     }
 
     #[inline(always)]
-    fn quads_mut(&mut self, count: usize) -> &mut [Quad] {
-        let quads = self.0.as_chunks_mut().0;
-        quads
-            .get_mut(GUARD / 4..GUARD / 4 + count)
-            .unwrap_or_default()
+    fn write(&mut self, index: usize, costs: u32) {
+        if let Some(quad) = self.0.get_mut(index + 1) {
+            store(costs, quad);
+        }
+    }
+
+    /// Copies path costs; gives the least.
+    #[inline(always)]
+    fn set<const QUADS: usize>(&mut self, path: &[Quad; QUADS]) -> u32 {
+        let mut least = u32::MAX;
+        for (index, quad) in path.iter().enumerate() {
+            // A call to copy memory would take longer.
+            let costs = opaque(load(quad));
+            least = min_u8x4(least, costs);
+            self.write(index, costs);
+        }
+        least_of(least)
+    }
+
+    #[inline(always)]
+    fn quads<const QUADS: usize>(&self) -> &[Quad; QUADS] {
+        const { assert!(4 * QUADS <= MAX_STRIDE) };
+        let [_, quads @ ..] = &self.0;
+        quads.first_chunk().unwrap_or(&[[0; 4]; QUADS])
+    }
+
+    /// Quads that begin a disparity below the first, at the first, and above it.
+    #[inline(always)]
+    fn windows(&self) -> impl Iterator<Item = (u32, u32, u32)> {
+        let costs = self.0.as_flattened();
+        let from = |start: usize| {
+            let costs = costs.get(start..).unwrap_or_default();
+            costs.as_chunks().0.iter().map(load)
+        };
+        let windows = from(3).zip(from(4)).zip(from(5));
+        windows.map(|((below, same), above)| (below, same, above))
     }
 }
 
-/// A path begins with the costs of its first pixel; gives the least costs.
-#[inline(always)]
-fn begin<const QUADS: usize>(costs: &[Quad; QUADS], path: &mut [Quad]) -> u32 {
-    let mut least = u32::MAX;
-    for (next, cost) in path.iter_mut().zip(costs) {
-        least = min_u8x4(least, load(cost));
-        *next = *cost;
-    }
-    least
-}
-
-/// One pixel along a path; gives the least costs.
+/// One pixel along a path; gives its least cost, four times.
 #[inline(always)]
 fn step<const QUADS: usize>(
     previous: &Path,
@@ -151,21 +171,19 @@ fn step<const QUADS: usize>(
     costs: &[Quad; QUADS],
     p1: u32,
     p2: u8,
-    next: &mut [Quad],
+    mut write: impl FnMut(usize, u32),
 ) -> u32 {
     let p2 = splat_u8(p2);
     let mut least_next = u32::MAX;
-    let before = previous.quads(-1).iter().zip(previous.quads(0));
-    let before = before.zip(previous.quads(1));
-    for ((next, cost), ((below, same), above)) in next.iter_mut().zip(costs).zip(before) {
-        let neighbour = add_saturating_u8x4(min_u8x4(load(below), load(above)), p1);
+    for ((index, cost), (below, same, above)) in costs.iter().enumerate().zip(previous.windows()) {
+        let neighbour = add_saturating_u8x4(min_u8x4(below, above), p1);
         // No path cost is below the least.
-        let onward = min_u8x4(load(same), neighbour).wrapping_sub(least);
+        let onward = min_u8x4(same, neighbour).wrapping_sub(least);
         let path = add_saturating_u8x4(load(cost), min_u8x4(onward, p2));
         least_next = min_u8x4(least_next, path);
-        store(path, next);
+        write(index, path);
     }
-    least_next
+    least_of(least_next)
 }
 
 /// The least of four bytes, four times.
@@ -175,32 +193,35 @@ fn least_of(quad: u32) -> u32 {
     splat_u8(min_u8x4(pair, pair >> 8) as u8)
 }
 
+/// Positions of the window of [`Others`].
+const WINDOW: usize = 2 * MAX_STRIDE;
+
 /// The best match of each pixel of the other view.
 ///
 /// Only as many positions as there are disparities are still open at a pixel; their keys
 /// stand in a window that moves one position down from pixel to pixel.
 struct Others<'a> {
     /// Keys of even and odd positions of the window.
-    planes: [[u8; 2 * MAX_STRIDE]; 2],
+    planes: [[u8; WINDOW]; 2],
     /// Position of the pixel's lowest disparity in the window.
     offset: usize,
-    /// Where positions go that are done, those of the next pixels before it.
-    done: &'a mut [u32],
+    /// Where positions go that no later pixel has.
+    done: core::iter::Rev<core::slice::IterMut<'a, u32>>,
     disparities: usize,
 }
 
-/// Positions of the window.
-const WINDOW: usize = 2 * MAX_STRIDE;
-
 impl<'a> Others<'a> {
+    /// Where the window begins: with an odd number of positions before it.
+    const START: usize = WINDOW - MAX_STRIDE - 1;
+
     fn new(other_best: &'a mut [u32], count: usize, disparities: usize) -> Self {
-        let split = (count + disparities).saturating_sub(1);
-        let (done, beyond) = other_best.split_at_mut(split.min(other_best.len()));
+        let end = (count + disparities).saturating_sub(1);
+        let (done, beyond) = other_best.split_at_mut(end.min(other_best.len()));
         beyond.fill(u32::MAX);
         Self {
-            planes: [[u8::MAX; 2 * MAX_STRIDE]; 2],
-            offset: WINDOW - MAX_STRIDE - 1,
-            done,
+            planes: [[u8::MAX; WINDOW]; 2],
+            offset: Self::START,
+            done: done.iter_mut().rev(),
             disparities,
         }
     }
@@ -208,7 +229,11 @@ impl<'a> Others<'a> {
     /// Takes the next pixel's paths; gives its least key, and that of each pair of
     /// neighbouring disparities.
     #[inline(always)]
-    fn meet(&mut self, paths: [&[Quad]; 3], pairs: &mut [u32; MAX_STRIDE / 4 + 1]) -> u32 {
+    fn meet<const QUADS: usize>(
+        &mut self,
+        paths: [&[Quad; QUADS]; 3],
+        pairs: &mut [u32; MAX_STRIDE / 4 + 1],
+    ) -> u32 {
         let offset = self.offset;
         let [even, odd] = &mut self.planes;
         let (even, odd) = if offset.is_multiple_of(2) {
@@ -216,21 +241,19 @@ impl<'a> Others<'a> {
         } else {
             (odd, even)
         };
-        let even = even.get_mut(offset / 2 * 2..).unwrap_or_default();
-        let odd = odd.get_mut(offset.div_ceil(2) * 2..).unwrap_or_default();
+        let others = quads_from(even, offset / 2 * 2, QUADS);
+        let others = others.zip(quads_from(odd, offset.div_ceil(2) * 2, QUADS));
         let [left, right, above] = paths;
         let rows = left.iter().zip(right).zip(above).zip(pairs);
-        let others = even.as_chunks_mut().0.iter_mut();
-        let others = others.zip(odd.as_chunks_mut().0);
         // Indices of disparities 0 and 2.
         let mut index = 2 << 16;
         let mut best = u32::MAX;
         for ((((left, right), above), pair), (other_even, other_odd)) in rows.zip(others) {
             let (left, right, above) = (load(left), load(right), load(above));
             let sums = add_even_bytes(add_even_bytes(even_bytes(left), right), above);
-            let keys_even = (sums << INDEX_BITS) + index;
+            let keys_even = opaque((sums << INDEX_BITS) + index);
             let sums = add_odd_bytes(add_odd_bytes(odd_bytes(left), right), above);
-            let keys_odd = (sums << INDEX_BITS) + (index + splat_u16(1));
+            let keys_odd = opaque((sums << INDEX_BITS) + (index + splat_u16(1)));
             store(min_u16x2(load(other_even), keys_even), other_even);
             store(min_u16x2(load(other_odd), keys_odd), other_odd);
             *pair = min_u16x2(keys_even, keys_odd);
@@ -245,41 +268,58 @@ impl<'a> Others<'a> {
     #[inline(always)]
     fn retire(&mut self) {
         let best = self.best(self.offset + self.disparities - 1);
-        if let Some((last, rest)) = core::mem::take(&mut self.done).split_last_mut() {
-            *last = best;
-            self.done = rest;
+        if let Some(done) = self.done.next() {
+            *done = best;
         }
-        match self.offset.checked_sub(1) {
-            Some(offset) => self.offset = offset,
-            None => {
-                for plane in &mut self.planes {
-                    plane.copy_within(..MAX_STRIDE, MAX_STRIDE);
-                    plane[..MAX_STRIDE].fill(u8::MAX);
-                }
-                self.offset = WINDOW - MAX_STRIDE - 1;
-            }
+        if self.offset > 0 {
+            self.offset -= 1;
+        } else {
+            self.rewind();
         }
     }
 
-    /// The positions that are still open.
+    /// Moves the window's open positions to its end.
+    #[cold]
+    #[inline(never)]
+    fn rewind(&mut self) {
+        for plane in &mut self.planes {
+            let (low, high) = plane.split_at_mut(MAX_STRIDE);
+            high.copy_from_slice(low);
+            low.fill(u8::MAX);
+        }
+        self.offset = Self::START;
+    }
+
+    /// The positions that are still open, up from the last pixel's lowest disparity.
     fn finish(mut self) {
         let first = self.offset + 1;
-        let done = core::mem::take(&mut self.done);
-        for (best, position) in done.iter_mut().zip(first..) {
-            *best = self.best(position);
+        let done = core::mem::take(&mut self.done).rev();
+        for (position, done) in (first..).zip(done) {
+            *done = self.best(position);
         }
     }
 
     /// The best match of a position of the window.
     #[inline(always)]
     fn best(&self, position: usize) -> u32 {
-        let plane = &self.planes[position % 2].as_chunks::<2>().0;
+        let plane = &self.planes[position % 2].as_chunks().0;
         let key = plane
             .get(position / 2)
             .map_or(0, |key| u16::from_le_bytes(*key));
         let key = u32::from(key);
         key >> INDEX_BITS << 16 | key & INDEX_MASK
     }
+}
+
+/// So many quads of a plane.
+#[inline(always)]
+fn quads_from(
+    plane: &mut [u8; WINDOW],
+    start: usize,
+    count: usize,
+) -> impl Iterator<Item = &mut Quad> {
+    let quads = plane.get_mut(start..start + 4 * count);
+    quads.unwrap_or_default().as_chunks_mut().0.iter_mut()
 }
 
 /// What is known of a pixel from its sums.
@@ -293,7 +333,7 @@ struct Selected {
 #[inline(always)]
 fn select<const QUADS: usize>(
     key: u32,
-    paths: [&[Quad]; 3],
+    paths: [&[Quad; QUADS]; 3],
     pairs: &mut [u32; MAX_STRIDE / 4 + 1],
     disparities: usize,
 ) -> Selected {
@@ -301,7 +341,7 @@ fn select<const QUADS: usize>(
     let least = (key >> INDEX_BITS) as i16;
     let sum = |index: usize| {
         (index < disparities).then(|| {
-            let cost = |path: &[Quad]| {
+            let cost = |path: &[Quad; QUADS]| {
                 path.as_flattened()
                     .get(index)
                     .map_or(0, |&cost| i16::from(cost))

@@ -10,7 +10,7 @@ use vgstereo_core::matching::{CostRun, NO_COST, cost_run as portable, cost_strid
 use vgstereo_core::minchinton::Planes;
 
 use crate::simd::{
-    add_saturating_u8x4, even_bytes, load, min_u8x4, odd_bytes, splat_u8, splat_u16, store,
+    add_saturating_u8x4, even_bytes, load, min_u8x4, odd_bytes, opaque, splat_u8, splat_u16, store,
     sub_saturating_u8x4,
 };
 
@@ -35,16 +35,21 @@ pub fn cost_run(run: &CostRun<'_>, costs: &mut [u8]) {
         return portable(run, costs);
     }
     match (run.inputs.count, run.masks.count) {
-        (4, 0) => cost_pixels::<4, false>(run, stride, costs),
-        (8, 0) => cost_pixels::<8, false>(run, stride, costs),
-        (8, 8) => cost_pixels::<8, true>(run, stride, costs),
+        (4, 0) => cost_pixels::<4, { tile(4) }, false>(run, stride, costs),
+        (8, 0) => cost_pixels::<8, { tile(8) }, false>(run, stride, costs),
+        (8, 8) => cost_pixels::<8, { tile(8) }, true>(run, stride, costs),
         _ => portable(run, costs),
     }
 }
 
-/// The same for patterns of `BYTES` bytes.
+/// Bytes of the copied rows from a block of disparities in the first to that in the last.
+const fn tile(bytes: usize) -> usize {
+    (bytes - 1) * POSITIONS + BLOCK
+}
+
+/// The same for patterns of `BYTES` bytes and `TILE` of that many.
 #[inline(never)]
-fn cost_pixels<const BYTES: usize, const MASKED: bool>(
+fn cost_pixels<const BYTES: usize, const TILE: usize, const MASKED: bool>(
     run: &CostRun<'_>,
     stride: usize,
     costs: &mut [u8],
@@ -53,7 +58,7 @@ fn cost_pixels<const BYTES: usize, const MASKED: bool>(
     let mut masks = [[0; PIXELS]; BYTES];
     let mut stored = [[0; POSITIONS]; BYTES];
     let weighing = Weighing::new(run);
-    let groups = costs.chunks_mut(stride * PIXELS);
+    let groups = costs.chunks_mut((stride * PIXELS).max(1));
     for (group, (costs, cell_costs)) in groups.zip(run.cell_costs_q8.chunks(PIXELS)).enumerate() {
         let first = group * PIXELS;
         let pixels = cell_costs.len();
@@ -66,7 +71,7 @@ fn cost_pixels<const BYTES: usize, const MASKED: bool>(
             copy_planes(run.masks, first, pixels, &mut masks);
         }
         copy_planes(run.stored, lowest, pixels - 1 + stride, &mut stored);
-        let pixels = costs.chunks_exact_mut(stride).zip(cell_costs);
+        let pixels = costs.chunks_exact_mut(stride.max(1)).zip(cell_costs);
         for (x, (costs, &cell_cost)) in pixels.enumerate() {
             let input: [u32; BYTES] = from_fn(|byte| pixel(&inputs[byte], x));
             let mask: [u32; BYTES] =
@@ -79,40 +84,45 @@ fn cost_pixels<const BYTES: usize, const MASKED: bool>(
                 .unwrap_or(0);
             let low = others(run.other_low[0], position);
             let high = others(run.other_high[0], position);
-            let mut at = position - lowest;
-            let differing = |word: usize, at: usize| {
+            let tiles = stored
+                .as_flattened()
+                .get(position - lowest..)
+                .unwrap_or_default();
+            let tiles = (0..)
+                .step_by(BLOCK)
+                .map_while(|at| tiles.get(at..)?.first_chunk::<TILE>());
+            let differing = |tile: &[u8; TILE], word: usize| {
                 count::<BYTES>(|byte| {
-                    let from = at.min(POSITIONS - BLOCK) + 4 * word;
-                    let stored = stored[byte][from..].first_chunk().map_or(0, load);
+                    let stored = tile.get(byte * POSITIONS + 4 * word..);
+                    let stored = stored.and_then(<[u8]>::first_chunk).map_or(0, load);
                     let cells = stored ^ input[byte];
                     if MASKED { cells & mask[byte] } else { cells }
                 })
             };
-            let blocks = costs.as_chunks_mut::<BLOCK>().0.iter_mut();
+            let blocks = costs.as_chunks_mut::<BLOCK>().0.iter_mut().zip(tiles);
             if run.difference_weight_q4 == 0 {
-                for block in blocks {
+                for (block, tile) in blocks {
                     for (word, costs) in block.as_chunks_mut().0.iter_mut().enumerate() {
-                        store(weighing.cells(differing(word, at), scale), costs);
+                        store(weighing.cells(differing(tile, word), scale), costs);
                     }
-                    at += BLOCK;
                 }
             } else {
                 let level = splat_u8(level);
-                for (block, (low, high)) in blocks.zip(low.iter().zip(high)) {
+                for ((block, tile), (low, high)) in blocks.zip(low.iter().zip(high)) {
                     let levels = low.as_chunks().0.iter().zip(high.as_chunks().0);
                     let words = block.as_chunks_mut().0.iter_mut().zip(levels);
                     for (word, (costs, (low, high))) in words.enumerate() {
-                        let cells = weighing.cells(differing(word, at), scale);
+                        let cells = weighing.cells(differing(tile, word), scale);
                         let levels = weighing.levels(level, load(low), load(high));
                         store(add_saturating_u8x4(cells, levels), costs);
                     }
-                    at += BLOCK;
                 }
             }
-            costs
-                .get_mut(run.disparities..)
-                .unwrap_or_default()
-                .fill(NO_COST);
+            if run.disparities < stride
+                && let Some(beyond) = costs.get_mut(run.disparities..)
+            {
+                beyond.fill(NO_COST);
+            }
         }
     }
 }
@@ -217,12 +227,13 @@ fn add(a: u32, b: u32, c: u32) -> (u32, u32) {
 /// Bits of every four.
 #[inline(always)]
 fn nibbles(word: u32) -> u32 {
-    let pairs = word - (word >> 1 & 0x5555_5555);
-    (pairs & 0x3333_3333) + (pairs >> 2 & 0x3333_3333)
+    // Masked before they are shifted: an addition shifts its operand for nothing.
+    let pairs = word - (opaque(word & 0xaaaa_aaaa) >> 1);
+    (pairs & 0x3333_3333) + (opaque(pairs & 0xcccc_cccc) >> 2)
 }
 
 /// Sums of the two nibbles of each byte.
 #[inline(always)]
 fn bytes_of(nibbles: u32) -> u32 {
-    (nibbles & 0x0f0f_0f0f) + (nibbles >> 4 & 0x0f0f_0f0f)
+    (nibbles & 0x0f0f_0f0f) + (opaque(nibbles & 0xf0f0_f0f0) >> 4)
 }

@@ -164,6 +164,27 @@ pub fn add_distances_u8x4(a: u32, b: u32, sum: u32) -> u32 {
     }
 }
 
+/// The same word, of which the compiler knows nothing: no instruction. Keeps what is
+/// computed of it as it is written.
+#[inline(always)]
+#[must_use]
+pub fn opaque(word: u32) -> u32 {
+    #[cfg(dsp_extension)]
+    {
+        let mut word = word;
+        // SAFETY: there is no instruction.
+        unsafe {
+            core::arch::asm!("/* {} */", inout(reg) word,
+                options(pure, nomem, nostack, preserves_flags));
+        }
+        word
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        word
+    }
+}
+
 /// The smaller bytes.
 #[inline(always)]
 #[must_use]
