@@ -249,6 +249,22 @@ fn differences(
     differences
 }
 
+/// Packed cells, beyond the shortest row what was there.
+fn cells(kernels: impl Kernels, width: usize, seed: u64) -> Vec<u8> {
+    let mut random = Pcg32::seed_from_u64(seed);
+    let mut rows: Vec<_> = (0..=CELLS_PER_BYTE)
+        .map(|_| levels(&mut random, width))
+        .collect();
+    if below(&mut random, 3) == 0 {
+        let row = below(&mut random, rows.len());
+        rows[row].truncate(below(&mut random, width));
+    }
+    let mut packed = vec![1; width];
+    let samples = std::array::from_fn(|index| &rows[index][..]);
+    kernels.pack_cells(&samples, &mut packed);
+    packed
+}
+
 fn costs(
     kernels: impl Kernels,
     (width, disparities, bytes, channels): (usize, usize, usize, usize),
@@ -288,7 +304,7 @@ fn costs(
     };
     let (low, high) = (moved(u8::saturating_sub), moved(u8::saturating_add));
     let hamming_truncation = random.next_u32() as u8;
-    let difference_truncation = random.next_u32() as u8;
+    let difference_truncation = (random.next_u32() as u8) >> below(&mut random, 5);
     // Both terms together fit 8 bits.
     let rest = usize::from(u8::MAX - hamming_truncation) * 16;
     let weight_max = rest / usize::from(difference_truncation.max(1));
@@ -310,7 +326,9 @@ fn costs(
         other_high: channel_rows(&high),
         channels,
         difference_truncation,
-        difference_weight_q4: below(&mut random, weight_max.min(255) + 1) as u8,
+        // Often a multiple of a power of two.
+        difference_weight_q4: (below(&mut random, weight_max.min(255) + 1) as u8)
+            & (u8::MAX << below(&mut random, 5)),
     };
     let mut costs = vec![1; width * stride];
     kernels.cost_run(&run, &mut costs);
@@ -411,6 +429,15 @@ proptest! {
             prop_assert_eq!(&differences(kernels, size, seed), &expected, "{}", kernels.name());
         }
         prop_assert_eq!(&differences(Armv7em, size, seed), &expected, "Armv7em");
+    }
+
+    #[test]
+    fn cells_are_alike(width in 1_usize..80, seed in any::<u64>()) {
+        let expected = cells(Portable, width, seed);
+        for kernels in HostKernels::available() {
+            prop_assert_eq!(&cells(kernels, width, seed), &expected, "{}", kernels.name());
+        }
+        prop_assert_eq!(&cells(Armv7em, width, seed), &expected, "Armv7em");
     }
 
     #[test]

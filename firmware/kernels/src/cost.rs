@@ -17,11 +17,11 @@ use crate::simd::{
 /// Most disparities, rounded up.
 const MAX_STRIDE: usize = 64;
 
-/// Pixels whose patterns are copied at a time.
+/// Pixels that are copied at a time.
 const PIXELS: usize = 32;
 
-/// Positions that these pixels' disparities reach.
-const POSITIONS: usize = PIXELS + MAX_STRIDE;
+/// Positions that these pixels' disparities reach, to a power of two, and a block.
+const POSITIONS: usize = (PIXELS + MAX_STRIDE).next_power_of_two() + BLOCK;
 
 /// Disparities that share what is loaded of a pixel.
 const BLOCK: usize = 8;
@@ -29,36 +29,32 @@ const BLOCK: usize = 8;
 /// Writes the costs of every pixel of the run.
 pub fn cost_run(run: &CostRun<'_>, costs: &mut [u8]) {
     let stride = cost_stride(run.disparities);
-    // Costs of levels are those of one channel.
-    let is_grey = run.channels == 1 || run.difference_weight_q4 == 0;
-    if !is_grey || stride > MAX_STRIDE || run.disparities == 0 {
+    let Some(weighing) = Weighing::new(run) else {
+        return portable(run, costs);
+    };
+    if stride > MAX_STRIDE || run.disparities == 0 {
         return portable(run, costs);
     }
     match (run.inputs.count, run.masks.count) {
-        (4, 0) => cost_pixels::<4, { tile(4) }, false>(run, stride, costs),
-        (8, 0) => cost_pixels::<8, { tile(8) }, false>(run, stride, costs),
-        (8, 8) => cost_pixels::<8, { tile(8) }, true>(run, stride, costs),
+        (4, 0) => cost_pixels::<4, false>(run, &weighing, costs),
+        (8, 8) => cost_pixels::<8, true>(run, &weighing, costs),
         _ => portable(run, costs),
     }
 }
 
-/// Bytes of the copied rows from a block of disparities in the first to that in the last.
-const fn tile(bytes: usize) -> usize {
-    (bytes - 1) * POSITIONS + BLOCK
-}
-
-/// The same for patterns of `BYTES` bytes and `TILE` of that many.
+/// The same for patterns of `BYTES` bytes.
 #[inline(never)]
-fn cost_pixels<const BYTES: usize, const TILE: usize, const MASKED: bool>(
+fn cost_pixels<const BYTES: usize, const MASKED: bool>(
     run: &CostRun<'_>,
-    stride: usize,
+    weighing: &Weighing,
     costs: &mut [u8],
 ) {
+    let stride = cost_stride(run.disparities).max(1);
     let mut inputs = [[0; PIXELS]; BYTES];
     let mut masks = [[0; PIXELS]; BYTES];
     let mut stored = [[0; POSITIONS]; BYTES];
-    let weighing = Weighing::new(run);
-    let groups = costs.chunks_mut((stride * PIXELS).max(1));
+    let mut others = [[0; POSITIONS]; 2];
+    let groups = costs.chunks_mut(stride * PIXELS);
     for (group, (costs, cell_costs)) in groups.zip(run.cell_costs_q8.chunks(PIXELS)).enumerate() {
         let first = group * PIXELS;
         let pixels = cell_costs.len();
@@ -66,57 +62,44 @@ fn cost_pixels<const BYTES: usize, const TILE: usize, const MASKED: bool>(
         let Some(lowest) = run.first_position.checked_sub(first + pixels - 1) else {
             return;
         };
+        let positions = pixels - 1 + stride;
         copy_planes(run.inputs, run.start + first, pixels, &mut inputs);
         if MASKED {
             copy_planes(run.masks, first, pixels, &mut masks);
         }
-        copy_planes(run.stored, lowest, pixels - 1 + stride, &mut stored);
-        let pixels = costs.chunks_exact_mut(stride.max(1)).zip(cell_costs);
-        for (x, (costs, &cell_cost)) in pixels.enumerate() {
-            let input: [u32; BYTES] = from_fn(|byte| pixel(&inputs[byte], x));
-            let mask: [u32; BYTES] =
-                from_fn(|byte| if MASKED { pixel(&masks[byte], x) } else { 0 });
-            let scale = u32::from(cell_cost);
-            let position = run.first_position - (first + x);
-            let level = run.levels[0]
-                .get(run.start + first + x)
-                .copied()
-                .unwrap_or(0);
-            let low = others(run.other_low[0], position);
-            let high = others(run.other_high[0], position);
-            let tiles = stored
-                .as_flattened()
-                .get(position - lowest..)
-                .unwrap_or_default();
-            let tiles = (0..)
-                .step_by(BLOCK)
-                .map_while(|at| tiles.get(at..)?.first_chunk::<TILE>());
-            let differing = |tile: &[u8; TILE], word: usize| {
-                count::<BYTES>(|byte| {
-                    let stored = tile.get(byte * POSITIONS + 4 * word..);
-                    let stored = stored.and_then(<[u8]>::first_chunk).map_or(0, load);
-                    let cells = stored ^ input[byte];
-                    if MASKED { cells & mask[byte] } else { cells }
-                })
-            };
-            let blocks = costs.as_chunks_mut::<BLOCK>().0.iter_mut().zip(tiles);
-            if run.difference_weight_q4 == 0 {
-                for (block, tile) in blocks {
-                    for (word, costs) in block.as_chunks_mut().0.iter_mut().enumerate() {
-                        store(weighing.cells(differing(tile, word), scale), costs);
-                    }
+        copy_planes(run.stored, lowest, positions, &mut stored);
+        copy(run.other_low[0], lowest, positions, &mut others[0]);
+        copy(run.other_high[0], lowest, positions, &mut others[1]);
+        let levels = run.levels[0].get(run.start + first..).unwrap_or_default();
+        let pixels = costs.chunks_exact_mut(stride).zip(cell_costs).zip(levels);
+        for (x, ((costs, &cell_cost), &level)) in pixels.enumerate() {
+            let pixel = |plane: &[u8; PIXELS]| splat_u8(plane[x % PIXELS]);
+            let input: [u32; BYTES] = from_fn(|byte| pixel(&inputs[byte]));
+            let mask: [u32; BYTES] = from_fn(|byte| pixel(&masks[byte]));
+            let (level, scale) = (splat_u8(level), u32::from(cell_cost));
+            let mut at = run.first_position - (first + x) - lowest;
+            for block in costs.as_chunks_mut::<BLOCK>().0 {
+                // The bound is above all positions that there are.
+                let from = at % (POSITIONS - BLOCK);
+                let pair = |row: &[u8; POSITIONS]| [load_at(row, from), load_at(row, from + 4)];
+                let counts = count::<BYTES>(|byte| {
+                    let (input, mask) = (input[byte], mask[byte]);
+                    let cells = |stored| {
+                        if MASKED {
+                            (stored ^ input) & mask
+                        } else {
+                            stored ^ input
+                        }
+                    };
+                    pair(&stored[byte]).map(cells)
+                });
+                let [low, high] = [pair(&others[0]), pair(&others[1])];
+                for (word, costs) in block.as_chunks_mut().0.iter_mut().enumerate() {
+                    let cells = weighing.cells(counts[word % 2], scale);
+                    let levels = weighing.levels(level, low[word % 2], high[word % 2]);
+                    store(add_saturating_u8x4(cells, levels), costs);
                 }
-            } else {
-                let level = splat_u8(level);
-                for ((block, tile), (low, high)) in blocks.zip(low.iter().zip(high)) {
-                    let levels = low.as_chunks().0.iter().zip(high.as_chunks().0);
-                    let words = block.as_chunks_mut().0.iter_mut().zip(levels);
-                    for (word, (costs, (low, high))) in words.enumerate() {
-                        let cells = weighing.cells(differing(tile, word), scale);
-                        let levels = weighing.levels(level, load(low), load(high));
-                        store(add_saturating_u8x4(cells, levels), costs);
-                    }
-                }
+                at += BLOCK;
             }
             if run.disparities < stride
                 && let Some(beyond) = costs.get_mut(run.disparities..)
@@ -127,6 +110,13 @@ fn cost_pixels<const BYTES: usize, const TILE: usize, const MASKED: bool>(
     }
 }
 
+/// Four bytes of a row.
+#[inline(always)]
+fn load_at(row: &[u8; POSITIONS], from: usize) -> u32 {
+    let bytes = row.get(from..).and_then(<[u8]>::first_chunk);
+    bytes.map_or(0, load)
+}
+
 /// Copies a run of positions; beyond the planes, nothing.
 fn copy_planes<const BYTES: usize, const LENGTH: usize>(
     planes: Planes<'_>,
@@ -134,49 +124,51 @@ fn copy_planes<const BYTES: usize, const LENGTH: usize>(
     count: usize,
     copies: &mut [[u8; LENGTH]; BYTES],
 ) {
-    for (byte, copy) in copies.iter_mut().enumerate() {
-        let start = byte * planes.stride + first;
-        if let Some(run) = planes.bytes.get(start..start + count)
-            && let Some(copy) = copy.get_mut(..count)
-        {
-            copy.copy_from_slice(run);
-        }
+    for (byte, to) in copies.iter_mut().enumerate() {
+        copy(planes.bytes, byte * planes.stride + first, count, to);
     }
 }
 
-/// A byte of a pixel's pattern, four times.
-#[inline(always)]
-fn pixel(plane: &[u8; PIXELS], x: usize) -> u32 {
-    splat_u8(plane[x % PIXELS])
-}
-
-/// Levels of the other view from a position on.
-#[inline(always)]
-fn others(levels: &[u8], position: usize) -> &[[u8; BLOCK]] {
-    levels.get(position..).unwrap_or_default().as_chunks().0
+/// Copies a run of a row; beyond the row, nothing.
+fn copy(row: &[u8], first: usize, count: usize, to: &mut [u8]) {
+    if let Some(run) = row.get(first..first + count)
+        && let Some(to) = to.get_mut(..count)
+    {
+        to.copy_from_slice(run);
+    }
 }
 
 /// What turns counts and differences into costs, for all bytes of a register.
 struct Weighing {
     hamming_truncation: u32,
     difference_truncation: u32,
-    difference_weight_q4: u32,
+    /// A weight is a factor and a power of two that divides.
+    factor: u32,
+    shift: u32,
+    shifted_mask: u32,
 }
 
 impl Weighing {
-    fn new(run: &CostRun<'_>) -> Self {
-        Self {
+    /// Where levels have one channel and products of the factor fit a byte.
+    fn new(run: &CostRun<'_>) -> Option<Self> {
+        let weight = u32::from(run.difference_weight_q4);
+        let zeros = weight.trailing_zeros().min(4);
+        let factor = weight >> zeros;
+        let product = factor * u32::from(run.difference_truncation);
+        (run.channels == 1 && weight > 0 && product <= 255).then(|| Self {
             hamming_truncation: splat_u8(run.hamming_truncation),
             difference_truncation: splat_u8(run.difference_truncation),
-            difference_weight_q4: run.difference_weight_q4.into(),
-        }
+            factor,
+            shift: 4 - zeros,
+            shifted_mask: splat_u8(u8::MAX >> (4 - zeros)),
+        })
     }
 
     /// Costs of so many cells that differ.
     #[inline(always)]
     fn cells(&self, counts: u32, scale_q8: u32) -> u32 {
         // With the rounding, each product is less than 2^16.
-        let rounding = splat_u16(128);
+        let (counts, rounding) = (opaque(counts), splat_u16(128));
         let even = even_bytes(counts) * scale_q8 + rounding;
         let odd = odd_bytes(counts) * scale_q8 + rounding;
         min_u8x4(odd_bytes(even) | odd & 0xff00_ff00, self.hamming_truncation)
@@ -188,40 +180,41 @@ impl Weighing {
         // One of the two is 0.
         let difference = sub_saturating_u8x4(level, high) | sub_saturating_u8x4(low, level);
         let difference = min_u8x4(difference, self.difference_truncation);
-        // Products fit 16 bits, and their quotients 8: the configuration bounds them.
-        let even = even_bytes(difference) * self.difference_weight_q4;
-        let odd = odd_bytes(difference) * self.difference_weight_q4;
-        even_bytes(even >> 4) | even_bytes(odd >> 4) << 8
+        (difference * self.factor) >> self.shift & self.shifted_mask
     }
 }
 
-/// Counts the bits of each byte over `BYTES` words.
+/// Counts the bits of each byte over `BYTES` words, of two sets of words.
 #[inline(always)]
-fn count<const BYTES: usize>(word: impl Fn(usize) -> u32) -> u32 {
+fn count<const BYTES: usize>(words: impl Fn(usize) -> [u32; 2]) -> [u32; 2] {
     match BYTES {
         4 => {
-            let (ones, twos) = add(word(0), word(1), word(2));
-            let last = word(3);
-            bytes_of(nibbles(ones) + 2 * nibbles(twos)) + bytes_of(nibbles(last))
+            let (ones, twos) = add(words(0), words(1), words(2));
+            let last = words(3);
+            from_fn(|i| {
+                bytes_of(nibbles(ones[i]) + 2 * nibbles(twos[i])) + bytes_of(nibbles(last[i]))
+            })
         }
         8 => {
-            let (ones, twos_a) = add(word(0), word(1), word(2));
-            let (ones, twos_b) = add(ones, word(3), word(4));
-            let (ones, twos_c) = add(ones, word(5), word(6));
+            let (ones, twos_a) = add(words(0), words(1), words(2));
+            let (ones, twos_b) = add(ones, words(3), words(4));
+            let (ones, twos_c) = add(ones, words(5), words(6));
             let (twos, fours) = add(twos_a, twos_b, twos_c);
-            let last = word(7);
-            bytes_of(nibbles(ones) + nibbles(last))
-                + 2 * bytes_of(nibbles(twos) + 2 * nibbles(fours))
+            let last = words(7);
+            from_fn(|i| {
+                bytes_of(nibbles(ones[i]) + nibbles(last[i]))
+                    + 2 * bytes_of(nibbles(twos[i]) + 2 * nibbles(fours[i]))
+            })
         }
-        _ => 0,
+        _ => [0; 2],
     }
 }
 
 /// Adds three bits in every place: the sum's two bits.
 #[inline(always)]
-fn add(a: u32, b: u32, c: u32) -> (u32, u32) {
-    let differ = a ^ b;
-    (differ ^ c, a & b | differ & c)
+fn add(a: [u32; 2], b: [u32; 2], c: [u32; 2]) -> ([u32; 2], [u32; 2]) {
+    let ones = from_fn(|i| a[i] ^ b[i] ^ c[i]);
+    (ones, from_fn(|i| a[i] & b[i] | (a[i] ^ b[i]) & c[i]))
 }
 
 /// Bits of every four.

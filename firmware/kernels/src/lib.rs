@@ -9,12 +9,14 @@
 
 mod aggregate;
 mod cost;
+mod pack;
 #[allow(unsafe_code)]
 pub mod simd;
 
 use vgstereo_core::aggregation::AggregateRow;
 use vgstereo_core::kernel::Kernels;
 use vgstereo_core::matching::CostRun;
+use vgstereo_core::minchinton::CELLS_PER_BYTE;
 
 /// Kernels of byte SIMD, the same bits as
 /// [`Portable`](vgstereo_core::kernel::Portable)'s.
@@ -22,6 +24,11 @@ use vgstereo_core::matching::CostRun;
 pub struct Armv7em;
 
 impl Kernels for Armv7em {
+    #[inline]
+    fn pack_cells(&self, samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
+        pack::pack_cells(samples, packed);
+    }
+
     #[inline]
     fn cost_run(&self, row: &CostRun<'_>, costs: &mut [u8]) {
         cost::cost_run(row, costs);

@@ -44,6 +44,11 @@ instruction! {
     halve_sum_u8x4, "uhadd8", |a, b| bytes(a, b, u8::midpoint)
 }
 instruction! {
+    /// Halves of differences of bytes, rounded down: the top bit is set below zero.
+    halve_difference_u8x4, "uhsub8",
+    |a, b| bytes(a, b, |a, b| (i16::from(a) - i16::from(b) >> 1) as u8)
+}
+instruction! {
     /// Differences of halfwords, at least 0.
     sub_saturating_u16x2, "uqsub16", |a, b| halfwords(a, b, u16::saturating_sub)
 }

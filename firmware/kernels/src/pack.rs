@@ -1,0 +1,44 @@
+//! Minchinton cells of four pixels at once.
+
+use vgstereo_core::kernel::pack_cells as portable;
+use vgstereo_core::minchinton::CELLS_PER_BYTE;
+
+use crate::simd::{halve_difference_u8x4, load, store};
+
+/// Samples of a byte of cells.
+const SAMPLES: usize = CELLS_PER_BYTE + 1;
+
+/// The top bit of each byte.
+const TOP_BITS: u32 = 0x8080_8080;
+
+/// Forms eight cells for each of a run of neurons.
+pub fn pack_cells(samples: &[&[u8]; SAMPLES], packed: &mut [u8]) {
+    let common = samples.iter().fold(packed.len(), |n, row| n.min(row.len()));
+    let quads = samples.map(|row| row.get(..common).unwrap_or_default().as_chunks().0);
+    let (packed, _) = packed.split_at_mut(common);
+    let (packed, rest) = packed.as_chunks_mut();
+    let [a, b, c, d, e, f, g, h, i] = quads.map(|quads| quads.iter().map(load));
+    let neurons = a.zip(b).zip(c).zip(d).zip(e).zip(f).zip(g).zip(h).zip(i);
+    for (packed, ((((((((a, b), c), d), e), f), g), h), i)) in packed.iter_mut().zip(neurons) {
+        let pairs = [
+            (a, b),
+            (b, c),
+            (c, d),
+            (d, e),
+            (e, f),
+            (f, g),
+            (g, h),
+            (h, i),
+        ];
+        let cells = pairs.iter().fold(0, |cells, &(own, partner)| {
+            // Below zero where the own sample is the greater.
+            cells >> 1 | halve_difference_u8x4(partner, own) & TOP_BITS
+        });
+        store(cells, packed);
+    }
+    let first = common - rest.len();
+    portable(
+        &samples.map(|row| row.get(first..).unwrap_or_default()),
+        rest,
+    );
+}
