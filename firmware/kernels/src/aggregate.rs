@@ -134,12 +134,12 @@ impl Path {
     #[inline(always)]
     fn set<const QUADS: usize>(&mut self, path: &[Quad; QUADS]) -> u32 {
         let mut least = u32::MAX;
-        for (index, quad) in path.iter().enumerate() {
+        for_each::<QUADS>(|index| {
             // A call to copy memory would take longer.
-            let costs = opaque(load(quad));
+            let costs = opaque(quad(path, index));
             least = min_u8x4(least, costs);
             self.write(index, costs);
-        }
+        });
         least_of(least)
     }
 
@@ -150,17 +150,31 @@ impl Path {
         quads.first_chunk().unwrap_or(&[[0; 4]; QUADS])
     }
 
-    /// Quads that begin a disparity below the first, at the first, and above it.
+    /// Four path costs, from so many disparities after those of the index on: -1 to 1.
     #[inline(always)]
-    fn windows(&self) -> impl Iterator<Item = (u32, u32, u32)> {
-        let costs = self.0.as_flattened();
-        let from = |start: usize| {
-            let costs = costs.get(start..).unwrap_or_default();
-            costs.as_chunks().0.iter().map(load)
-        };
-        let windows = from(3).zip(from(4)).zip(from(5));
-        windows.map(|((below, same), above)| (below, same, above))
+    fn load(&self, index: usize, shift: isize) -> u32 {
+        let start = (4 * (index + 1)).wrapping_add_signed(shift);
+        let costs = self.0.as_flattened().get(start..);
+        costs.and_then(<[u8]>::first_chunk).map_or(0, load)
     }
+}
+
+/// Calls `body` with 0 to `QUADS - 1`, four times in a pass of a loop: strides are multiples
+/// of 16.
+#[inline(always)]
+fn for_each<const QUADS: usize>(mut body: impl FnMut(usize)) {
+    const { assert!(QUADS.is_multiple_of(4)) };
+    for group in 0..QUADS / 4 {
+        body(4 * group);
+        body(4 * group + 1);
+        body(4 * group + 2);
+        body(4 * group + 3);
+    }
+}
+
+#[inline(always)]
+fn quad<const QUADS: usize>(path: &[Quad; QUADS], index: usize) -> u32 {
+    path.get(index).map_or(0, load)
 }
 
 /// One pixel along a path; gives its least cost, four times.
@@ -175,14 +189,15 @@ fn step<const QUADS: usize>(
 ) -> u32 {
     let p2 = splat_u8(p2);
     let mut least_next = u32::MAX;
-    for ((index, cost), (below, same, above)) in costs.iter().enumerate().zip(previous.windows()) {
-        let neighbour = add_saturating_u8x4(min_u8x4(below, above), p1);
+    for_each::<QUADS>(|index| {
+        let neighbour = min_u8x4(previous.load(index, -1), previous.load(index, 1));
+        let neighbour = add_saturating_u8x4(neighbour, p1);
         // No path cost is below the least.
-        let onward = min_u8x4(same, neighbour).wrapping_sub(least);
-        let path = add_saturating_u8x4(load(cost), min_u8x4(onward, p2));
+        let onward = min_u8x4(previous.load(index, 0), neighbour).wrapping_sub(least);
+        let path = add_saturating_u8x4(quad(costs, index), min_u8x4(onward, p2));
         least_next = min_u8x4(least_next, path);
         write(index, path);
-    }
+    });
     least_of(least_next)
 }
 
@@ -241,25 +256,32 @@ impl<'a> Others<'a> {
         } else {
             (odd, even)
         };
-        let others = quads_from(even, offset / 2 * 2, QUADS);
-        let others = others.zip(quads_from(odd, offset.div_ceil(2) * 2, QUADS));
+        let (Some(even), Some(odd)) = (
+            quads_from::<QUADS>(even, offset / 2 * 2),
+            quads_from::<QUADS>(odd, offset.div_ceil(2) * 2),
+        ) else {
+            return 0;
+        };
         let [left, right, above] = paths;
-        let rows = left.iter().zip(right).zip(above).zip(pairs);
         // Indices of disparities 0 and 2.
-        let mut index = 2 << 16;
+        let mut indices = 2 << 16;
         let mut best = u32::MAX;
-        for ((((left, right), above), pair), (other_even, other_odd)) in rows.zip(others) {
-            let (left, right, above) = (load(left), load(right), load(above));
+        for_each::<QUADS>(|index| {
+            let (left, right, above) = (quad(left, index), quad(right, index), quad(above, index));
             let sums = add_even_bytes(add_even_bytes(even_bytes(left), right), above);
-            let keys_even = opaque((sums << INDEX_BITS) + index);
+            let keys_even = opaque((sums << INDEX_BITS) + indices);
             let sums = add_odd_bytes(add_odd_bytes(odd_bytes(left), right), above);
-            let keys_odd = opaque((sums << INDEX_BITS) + (index + splat_u16(1)));
-            store(min_u16x2(load(other_even), keys_even), other_even);
-            store(min_u16x2(load(other_odd), keys_odd), other_odd);
-            *pair = min_u16x2(keys_even, keys_odd);
-            best = min_u16x2(best, *pair);
-            index += splat_u16(4);
-        }
+            let keys_odd = opaque((sums << INDEX_BITS) + (indices + splat_u16(1)));
+            for (others, keys) in [(&mut *even, keys_even), (&mut *odd, keys_odd)] {
+                write(others, index, min_u16x2(quad(others, index), keys));
+            }
+            let least = min_u16x2(keys_even, keys_odd);
+            best = min_u16x2(best, least);
+            if let Some(pair) = pairs.get_mut(index) {
+                *pair = least;
+            }
+            indices += splat_u16(4);
+        });
         self.retire();
         min_u16x2(best, best >> 16) & 0xffff
     }
@@ -311,15 +333,15 @@ impl<'a> Others<'a> {
     }
 }
 
-/// So many quads of a plane.
+/// Quads of a plane.
 #[inline(always)]
-fn quads_from(
+fn quads_from<const QUADS: usize>(
     plane: &mut [u8; WINDOW],
     start: usize,
-    count: usize,
-) -> impl Iterator<Item = &mut Quad> {
-    let quads = plane.get_mut(start..start + 4 * count);
-    quads.unwrap_or_default().as_chunks_mut().0.iter_mut()
+) -> Option<&mut [Quad; QUADS]> {
+    // No start is beyond: the bound is for the compiler.
+    let quads = plane.get_mut(start.min(WINDOW - MAX_STRIDE)..)?;
+    quads.as_chunks_mut().0.first_chunk_mut()
 }
 
 /// What is known of a pixel from its sums.

@@ -36,15 +36,21 @@ pub fn cost_run(run: &CostRun<'_>, costs: &mut [u8]) {
         return portable(run, costs);
     }
     match (run.inputs.count, run.masks.count) {
-        (4, 0) => cost_pixels::<4, false>(run, &weighing, costs),
-        (8, 8) => cost_pixels::<8, true>(run, &weighing, costs),
+        (4, 0) => cost_pixels::<4, 6, { tile(6) }, false>(run, &weighing, costs),
+        (8, 8) => cost_pixels::<8, 10, { tile(10) }, true>(run, &weighing, costs),
         _ => portable(run, costs),
     }
 }
 
-/// The same for patterns of `BYTES` bytes.
+/// Bytes from a block of disparities in the first of so many rows to that in the last.
+const fn tile(rows: usize) -> usize {
+    (rows - 1) * POSITIONS + BLOCK
+}
+
+/// The same for patterns of `BYTES` bytes. There are two more rows, of the levels; `TILE` is
+/// the [`tile`] of all of them.
 #[inline(never)]
-fn cost_pixels<const BYTES: usize, const MASKED: bool>(
+fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const MASKED: bool>(
     run: &CostRun<'_>,
     weighing: &Weighing,
     costs: &mut [u8],
@@ -52,9 +58,8 @@ fn cost_pixels<const BYTES: usize, const MASKED: bool>(
     let stride = cost_stride(run.disparities).max(1);
     let mut inputs = [[0; PIXELS]; BYTES];
     let mut masks = [[0; PIXELS]; BYTES];
-    let mut stored = [[0; POSITIONS]; BYTES];
-    let mut others = [[0; POSITIONS]; 2];
-    let groups = costs.chunks_mut(stride * PIXELS);
+    let mut rows = [[0; POSITIONS]; ROWS];
+    let groups = costs.chunks_mut((stride * PIXELS).max(1));
     for (group, (costs, cell_costs)) in groups.zip(run.cell_costs_q8.chunks(PIXELS)).enumerate() {
         let first = group * PIXELS;
         let pixels = cell_costs.len();
@@ -67,9 +72,9 @@ fn cost_pixels<const BYTES: usize, const MASKED: bool>(
         if MASKED {
             copy_planes(run.masks, first, pixels, &mut masks);
         }
-        copy_planes(run.stored, lowest, positions, &mut stored);
-        copy(run.other_low[0], lowest, positions, &mut others[0]);
-        copy(run.other_high[0], lowest, positions, &mut others[1]);
+        copy_planes(run.stored, lowest, positions, &mut rows);
+        copy(run.other_low[0], lowest, positions, &mut rows[BYTES]);
+        copy(run.other_high[0], lowest, positions, &mut rows[BYTES + 1]);
         let levels = run.levels[0].get(run.start + first..).unwrap_or_default();
         let pixels = costs.chunks_exact_mut(stride).zip(cell_costs).zip(levels);
         for (x, ((costs, &cell_cost), &level)) in pixels.enumerate() {
@@ -81,19 +86,23 @@ fn cost_pixels<const BYTES: usize, const MASKED: bool>(
             for block in costs.as_chunks_mut::<BLOCK>().0 {
                 // The bound is above all positions that there are.
                 let from = at % (POSITIONS - BLOCK);
-                let pair = |row: &[u8; POSITIONS]| [load_at(row, from), load_at(row, from + 4)];
+                let tile = rows.as_flattened().get(from..);
+                let Some(tile) = tile.and_then(<[u8]>::first_chunk::<TILE>) else {
+                    break;
+                };
+                let pair = |row: usize| [0, 4].map(|lane| load_at(tile, row * POSITIONS + lane));
                 let counts = count::<BYTES>(|byte| {
                     let (input, mask) = (input[byte], mask[byte]);
-                    let cells = |stored| {
+                    let differ = |stored| {
                         if MASKED {
                             (stored ^ input) & mask
                         } else {
                             stored ^ input
                         }
                     };
-                    pair(&stored[byte]).map(cells)
+                    pair(byte).map(differ)
                 });
-                let [low, high] = [pair(&others[0]), pair(&others[1])];
+                let [low, high] = [pair(BYTES), pair(BYTES + 1)];
                 for (word, costs) in block.as_chunks_mut().0.iter_mut().enumerate() {
                     let cells = weighing.cells(counts[word % 2], scale);
                     let levels = weighing.levels(level, low[word % 2], high[word % 2]);
@@ -110,21 +119,21 @@ fn cost_pixels<const BYTES: usize, const MASKED: bool>(
     }
 }
 
-/// Four bytes of a row.
+/// Four bytes of a tile.
 #[inline(always)]
-fn load_at(row: &[u8; POSITIONS], from: usize) -> u32 {
-    let bytes = row.get(from..).and_then(<[u8]>::first_chunk);
+fn load_at<const TILE: usize>(tile: &[u8; TILE], at: usize) -> u32 {
+    let bytes = tile.get(at..).and_then(<[u8]>::first_chunk);
     bytes.map_or(0, load)
 }
 
 /// Copies a run of positions; beyond the planes, nothing.
-fn copy_planes<const BYTES: usize, const LENGTH: usize>(
+fn copy_planes<const LENGTH: usize>(
     planes: Planes<'_>,
     first: usize,
     count: usize,
-    copies: &mut [[u8; LENGTH]; BYTES],
+    copies: &mut [[u8; LENGTH]],
 ) {
-    for (byte, to) in copies.iter_mut().enumerate() {
+    for (byte, to) in copies.iter_mut().take(planes.count).enumerate() {
         copy(planes.bytes, byte * planes.stride + first, count, to);
     }
 }
