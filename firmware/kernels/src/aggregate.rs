@@ -10,7 +10,7 @@ use vgstereo_core::matching::NO_DISTANCE;
 
 use crate::simd::{
     add_even_bytes, add_odd_bytes, add_saturating_u8x4, even_bytes, load, min_u8x4, min_u16x2,
-    odd_bytes, opaque, splat_u8, splat_u16, store,
+    odd_bytes, opaque, splat_u8, splat_u16, store, sub_saturating_u8x4,
 };
 
 /// Most disparities, rounded up.
@@ -188,13 +188,16 @@ fn step<const QUADS: usize>(
     mut write: impl FnMut(usize, u32),
 ) -> u32 {
     let p2 = splat_u8(p2);
+    // No path cost is below the least, and with the penalty that fits a byte.
+    let ceiling = add_saturating_u8x4(least, p2);
     let mut least_next = u32::MAX;
     for_each::<QUADS>(|index| {
         let neighbour = min_u8x4(previous.load(index, -1), previous.load(index, 1));
         let neighbour = add_saturating_u8x4(neighbour, p1);
-        // No path cost is below the least.
-        let onward = min_u8x4(previous.load(index, 0), neighbour).wrapping_sub(least);
-        let path = add_saturating_u8x4(quad(costs, index), min_u8x4(onward, p2));
+        let reached = min_u8x4(previous.load(index, 0), neighbour);
+        // The same as the smaller of `reached - least` and `p2`.
+        let onward = p2.wrapping_sub(sub_saturating_u8x4(ceiling, reached));
+        let path = add_saturating_u8x4(quad(costs, index), onward);
         least_next = min_u8x4(least_next, path);
         write(index, path);
     });

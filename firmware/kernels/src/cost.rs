@@ -201,7 +201,8 @@ fn count<const BYTES: usize>(words: impl Fn(usize) -> [u32; 2]) -> [u32; 2] {
             let (ones, twos) = add(words(0), words(1), words(2));
             let last = words(3);
             from_fn(|i| {
-                bytes_of(nibbles(ones[i]) + 2 * nibbles(twos[i])) + bytes_of(nibbles(last[i]))
+                bytes_of(nibbles(ones[i]) + 2 * nibbles(twos[i]))
+                    + bytes_of(opaque(nibbles(last[i])))
             })
         }
         8 => {
