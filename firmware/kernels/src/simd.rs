@@ -46,7 +46,7 @@ instruction! {
 instruction! {
     /// Halves of differences of bytes, rounded down: the top bit is set below zero.
     halve_difference_u8x4, "uhsub8",
-    |a, b| bytes(a, b, |a, b| (i16::from(a) - i16::from(b) >> 1) as u8)
+    |a, b| bytes(a, b, |a, b| ((i16::from(a) - i16::from(b)) >> 1) as u8)
 }
 instruction! {
     /// Differences of halfwords, at least 0.
