@@ -27,14 +27,12 @@ type Quad = [u8; 4];
 pub fn aggregate_row(row: &mut AggregateRow<'_>) {
     // The other view's slots of all pixels' disparities.
     let slots = row.best.len() + row.disparities;
-    if row.disparities == 0 || row.disparities > row.stride || row.other_best.len() + 1 < slots {
-        return portable(row);
-    }
+    let is_whole = (1..=row.stride).contains(&row.disparities) && row.other_best.len() + 1 >= slots;
     match row.stride {
-        16 => aggregate::<4>(row),
-        32 => aggregate::<8>(row),
-        48 => aggregate::<12>(row),
-        MAX_STRIDE => aggregate::<16>(row),
+        16 if is_whole => aggregate::<4>(row),
+        32 if is_whole => aggregate::<8>(row),
+        48 if is_whole => aggregate::<12>(row),
+        MAX_STRIDE if is_whole => aggregate::<16>(row),
         _ => portable(row),
     }
 }

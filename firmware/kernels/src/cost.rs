@@ -28,16 +28,11 @@ const BLOCK: usize = 8;
 
 /// Writes the costs of every pixel of the run.
 pub fn cost_run(run: &CostRun<'_>, costs: &mut [u8]) {
-    let stride = cost_stride(run.disparities);
-    let Some(weighing) = Weighing::new(run) else {
-        return portable(run, costs);
-    };
-    if stride > MAX_STRIDE || run.disparities == 0 {
-        return portable(run, costs);
-    }
-    match (run.inputs.count, run.masks.count) {
-        (4, 0) => cost_pixels::<4, 6, { tile(6) }, false>(run, &weighing, costs),
-        (8, 8) => cost_pixels::<8, 10, { tile(10) }, true>(run, &weighing, costs),
+    let fits = (1..=MAX_STRIDE).contains(&run.disparities);
+    let weighing = Weighing::new(run).filter(|_| fits);
+    match (run.inputs.count, run.masks.count, &weighing) {
+        (4, 0, Some(weighing)) => cost_pixels::<4, 6, { tile(6) }, false>(run, weighing, costs),
+        (8, 8, Some(weighing)) => cost_pixels::<8, 10, { tile(10) }, true>(run, weighing, costs),
         _ => portable(run, costs),
     }
 }
