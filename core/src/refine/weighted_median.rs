@@ -160,7 +160,7 @@ pub struct WeightedMedianRow<'a> {
 impl WeightedMedianRow<'_> {
     /// Columns of the taps in one of the window's rows, from the window's first.
     #[inline(always)]
-    pub fn tap_columns(&self, row: usize) -> impl Iterator<Item = usize> + use<> {
+    pub fn tap_columns(&self, row: usize) -> impl ExactSizeIterator<Item = usize> + use<> {
         (self.first_tap(row)..self.window_width).step_by(2)
     }
 

@@ -8,15 +8,21 @@
 #![deny(unsafe_code)]
 
 mod aggregate;
+mod arms;
 mod cost;
+mod difference;
+mod mask;
+mod median9;
 mod pack;
 #[allow(unsafe_code)]
 pub mod simd;
+mod weighted_median;
 
 use vgstereo_core::aggregation::AggregateRow;
 use vgstereo_core::kernel::Kernels;
-use vgstereo_core::matching::CostRun;
+use vgstereo_core::matching::{CostRun, DifferenceBlock, MaskBlock};
 use vgstereo_core::minchinton::CELLS_PER_BYTE;
+use vgstereo_core::refine::{ArmsRow, WeightedMedianRow};
 
 /// Kernels of byte SIMD, the same bits as
 /// [`Portable`](vgstereo_core::kernel::Portable)'s.
@@ -37,5 +43,35 @@ impl Kernels for Armv7em {
     #[inline]
     fn aggregate_row(&self, row: &mut AggregateRow<'_>) {
         aggregate::aggregate_row(row);
+    }
+
+    #[inline]
+    fn difference_block(&self, block: &DifferenceBlock<'_>, differences: &mut [u8]) {
+        difference::difference_block(block, differences);
+    }
+
+    #[inline]
+    fn mask_block(&self, block: &mut MaskBlock<'_>) {
+        mask::mask_block(block);
+    }
+
+    #[inline]
+    fn weighted_median_row(
+        &self,
+        row: &WeightedMedianRow<'_>,
+        weights: &mut [u8],
+        output: &mut [i16],
+    ) {
+        weighted_median::weighted_median_row(row, weights, output);
+    }
+
+    #[inline]
+    fn arms_row(&self, row: &ArmsRow<'_>, _scratch: &mut [u8], arms: &mut [i16]) {
+        arms::arms_row(row, arms);
+    }
+
+    #[inline]
+    fn median9_row(&self, rows: [&[i16]; 3], output: &mut [i16]) {
+        median9::median9_row(rows, output);
     }
 }

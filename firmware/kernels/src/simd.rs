@@ -56,6 +56,24 @@ instruction! {
     /// Sums of halfwords, at most 65535.
     add_saturating_u16x2, "uqadd16", |a, b| halfwords(a, b, u16::saturating_add)
 }
+instruction! {
+    /// Sums of signed halfwords, at most 32767.
+    add_saturating_i16x2, "qadd16", |a, b| signed_halfwords(a, b, i16::saturating_add)
+}
+instruction! {
+    /// Differences of signed halfwords, at least -32768.
+    sub_saturating_i16x2, "qsub16", |a, b| signed_halfwords(a, b, i16::saturating_sub)
+}
+instruction! {
+    /// Halves of sums of signed halfwords, rounded down.
+    halve_sum_i16x2, "shadd16", |a, b| signed_halfwords(a, b, |a, b| {
+        ((i32::from(a) + i32::from(b)) >> 1) as i16
+    })
+}
+instruction! {
+    /// Halves of sums of halfwords, rounded down.
+    halve_sum_u16x2, "uhadd16", |a, b| halfwords(a, b, u16::midpoint)
+}
 
 instruction! {
     /// Halfwords `a`, more bytes 0 and 2 of `b`.
@@ -140,6 +158,32 @@ pub fn select_ge_i16x2(a: u32, b: u32, yes: u32, no: u32) -> u32 {
             }
         };
         let mask = halfwords(a, b, at_least);
+        yes & mask | no & !mask
+    }
+}
+
+/// The same of halfwords.
+#[inline(always)]
+#[must_use]
+pub fn select_ge_u16x2(a: u32, b: u32, yes: u32, no: u32) -> u32 {
+    #[cfg(dsp_extension)]
+    {
+        let result;
+        // SAFETY: the instructions work on registers and the flags that they set alone.
+        unsafe {
+            core::arch::asm!(
+                "usub16 {result}, {a}, {b}",
+                "sel {result}, {yes}, {no}",
+                result = out(reg) result,
+                a = in(reg) a, b = in(reg) b, yes = in(reg) yes, no = in(reg) no,
+                options(pure, nomem, nostack),
+            );
+        }
+        result
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        let mask = halfwords(a, b, |a, b| if a >= b { u16::MAX } else { 0 });
         yes & mask | no & !mask
     }
 }
@@ -230,6 +274,20 @@ pub fn max_u16x2(a: u32, b: u32) -> u32 {
     b.wrapping_add(sub_saturating_u16x2(a, b))
 }
 
+/// The smaller signed halfwords.
+#[inline(always)]
+#[must_use]
+pub fn min_i16x2(a: u32, b: u32) -> u32 {
+    select_ge_i16x2(a, b, b, a)
+}
+
+/// The larger signed halfwords.
+#[inline(always)]
+#[must_use]
+pub fn max_i16x2(a: u32, b: u32) -> u32 {
+    select_ge_i16x2(a, b, a, b)
+}
+
 /// Bytes 0 and 2 as halfwords.
 #[inline(always)]
 #[must_use]
@@ -272,6 +330,13 @@ pub const fn store(word: u32, bytes: &mut [u8; 4]) {
     *bytes = word.to_le_bytes();
 }
 
+/// Two signed halfwords.
+#[inline(always)]
+#[must_use]
+pub const fn pair_of(&[low, high]: &[i16; 2]) -> u32 {
+    (high.cast_unsigned() as u32) << 16 | low.cast_unsigned() as u32
+}
+
 #[cfg(not(dsp_extension))]
 fn bytes(a: u32, b: u32, each: impl Fn(u8, u8) -> u8) -> u32 {
     let (a, b) = (a.to_le_bytes(), b.to_le_bytes());
@@ -283,4 +348,11 @@ fn halfwords(a: u32, b: u32, each: impl Fn(u16, u16) -> u16) -> u32 {
     let low = each(a as u16, b as u16);
     let high = each((a >> 16) as u16, (b >> 16) as u16);
     u32::from(high) << 16 | u32::from(low)
+}
+
+#[cfg(not(dsp_extension))]
+fn signed_halfwords(a: u32, b: u32, each: impl Fn(i16, i16) -> i16) -> u32 {
+    halfwords(a, b, |a, b| {
+        each(a.cast_signed(), b.cast_signed()).cast_unsigned()
+    })
 }

@@ -1,0 +1,125 @@
+//! Reach of surfaces along a line, four pixels in a word.
+
+use vgstereo_core::matching::MAX_CHANNELS;
+use vgstereo_core::refine::ArmsRow;
+
+use crate::simd::{distance_u8x4, load, select_ge_u8x4, splat_u8};
+
+/// Pixels side by side.
+const LANES: usize = 4;
+
+/// The same as core's `arms_row`.
+#[inline(never)]
+pub fn arms_row(row: &ArmsRow<'_>, arms: &mut [i16]) {
+    if row.channels == 1 {
+        arms_of([row.levels[0]], row, arms);
+    } else {
+        arms_of::<MAX_CHANNELS>(row.levels, row, arms);
+    }
+}
+
+#[inline(always)]
+fn arms_of<const CHANNELS: usize>(levels: [&[u8]; CHANNELS], row: &ArmsRow<'_>, arms: &mut [i16]) {
+    let reach = usize::from(row.reach);
+    let width = arms.len();
+    let steps = Steps {
+        near: splat_u8(row.near_step),
+        far: splat_u8(row.far_step),
+        half: reach / 2,
+    };
+    for (block, arms) in arms.chunks_mut(LANES).enumerate() {
+        let x = block * LANES;
+        // Blocks near the ends are looked at pixel by pixel.
+        let left = if x >= reach && x + LANES <= width {
+            steps.reach(levels, x, reach, |distance| x - distance)
+        } else {
+            steps.reach_at_end(levels, x, |x| reach.min(x), |x, distance| x - distance)
+        };
+        let right = if x + reach + LANES <= width {
+            steps.reach(levels, x, reach, |distance| x + distance)
+        } else {
+            let most = |x: usize| reach.min(width.saturating_sub(x + 1));
+            steps.reach_at_end(levels, x, most, |x, distance| x + distance)
+        };
+        let both = left.to_le_bytes().into_iter().zip(right.to_le_bytes());
+        for (arm, (left, right)) in arms.iter_mut().zip(both) {
+            *arm = i16::from_le_bytes([left, right]);
+        }
+    }
+}
+
+/// How much pixels may differ.
+struct Steps {
+    /// In the nearer half, four times.
+    near: u32,
+    /// In the farther one, four times.
+    far: u32,
+    /// Where the nearer half ends.
+    half: usize,
+}
+
+impl Steps {
+    #[inline(always)]
+    fn at(&self, distance: usize) -> u32 {
+        if distance <= self.half {
+            self.near
+        } else {
+            self.far
+        }
+    }
+
+    /// How far four pixels from `x` on reach.
+    #[inline(always)]
+    fn reach<const CHANNELS: usize>(
+        &self,
+        levels: [&[u8]; CHANNELS],
+        x: usize,
+        most: usize,
+        place: impl Fn(usize) -> usize,
+    ) -> u32 {
+        let four = |levels: &[u8], at: usize| {
+            let run = levels.get(at..).and_then(|run| run.first_chunk());
+            run.map_or(0, load)
+        };
+        let centres = levels.map(|levels| four(levels, x));
+        let (mut goes_on, mut count) = (splat_u8(1), 0);
+        for distance in 1..=most {
+            let step = self.at(distance);
+            for (levels, centre) in levels.iter().zip(centres) {
+                let difference = distance_u8x4(centre, four(levels, place(distance)));
+                goes_on = select_ge_u8x4(step, difference, goes_on, 0);
+            }
+            if goes_on == 0 {
+                break;
+            }
+            count += goes_on;
+        }
+        count
+    }
+
+    /// The same where the line may end before.
+    #[inline(always)]
+    fn reach_at_end<const CHANNELS: usize>(
+        &self,
+        levels: [&[u8]; CHANNELS],
+        x: usize,
+        most: impl Fn(usize) -> usize,
+        place: impl Fn(usize, usize) -> usize,
+    ) -> u32 {
+        let level = |levels: &[u8], at: usize| levels.get(at).copied().unwrap_or(0);
+        let mut counts = [0_u8; LANES];
+        for (x, count) in (x..).zip(&mut counts) {
+            for distance in 1..=most(x) {
+                let step = self.at(distance) as u8;
+                let is_like = levels.iter().all(|levels| {
+                    level(levels, x).abs_diff(level(levels, place(x, distance))) <= step
+                });
+                if !is_like {
+                    break;
+                }
+                *count += 1;
+            }
+        }
+        u32::from_le_bytes(counts)
+    }
+}
