@@ -79,7 +79,7 @@ pub fn difference_block(block: &DifferenceBlock<'_>, differences: &mut [u8]) {
     differences.fill(0);
     for window in block.windows.iter().take(block.channels) {
         let centres = centre_of(window, block.first, lanes);
-        let rows = differences.chunks_exact_mut(lanes);
+        let rows = differences.chunks_exact_mut(lanes.max(1));
         for (row, offset) in rows.zip(block.synapses.iter()) {
             let start = window.start(offset, block.first, lanes);
             let samples = start.and_then(|start| window.pixels().get(start..start + lanes));
