@@ -141,9 +141,11 @@ mod tests {
             panic!("micro aggregates");
         };
         assert_eq!(changed.speckle.unwrap().size_min, 8);
+        // `lite` has no vote to take the rest from.
+        let error = with_setting(&Preset::Lite.parameters(), "method.vote.reach_y_px=2");
+        assert!(format!("{:#}", error.unwrap_err()).contains("reach_x_px"));
         for (setting, word) in [
             ("synapses", "KEY=VALUE"),
-            ("method.speckle.size_min=8", "step_q4"),
             ("synapses=many", "TOML"),
             ("synapses=-1", "synapses=-1"),
             ("synapse=64", "synapse"),
