@@ -111,6 +111,7 @@ pub struct Aggregation {
 
 /// Parameters of [`Speckle`](crate::refine::Speckle).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct SpeckleParameters {
@@ -313,6 +314,7 @@ impl Region {
 
 /// What becomes of the pixels whose disparity was not found.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Output {
     /// They are filled in, with confidence 0.
     #[default]
