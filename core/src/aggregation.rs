@@ -312,9 +312,10 @@ impl RowCheck<'_> {
     #[inline(always)]
     pub fn position(&self, x: usize, best: u16) -> Option<usize> {
         let count = self.best.len();
-        (count - 1 - x + usize::from(best))
-            .checked_add_signed(self.minimum_px.into())
-            .filter(|&position| position < count)
+        // Before the first pixel, the position wraps round and is beyond the last.
+        let position =
+            (count - 1 - x + usize::from(best)).wrapping_add_signed(self.minimum_px.into());
+        (position < count).then_some(position)
     }
 
     /// Writes what is found of each pixel: its disparity relative to the lowest, 1/16 px,

@@ -583,10 +583,13 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         let levels = rows_of(reference_channels(&self.colours, &self.sampler), line);
         let others = rows_of(other_channels(&self.colours, &self.sampler), line);
         // Every other pixel tells enough.
-        let pixels = self.confidences.iter().zip(check.best).enumerate();
-        let pixels = pixels.step_by(2);
-        let holding = pixels.filter(|&(_, (&confidence, _))| confidence > 0);
-        let matches = holding.filter_map(|(x, (_, &best))| Some((x, check.position(x, best)?)));
+        let pixels = self.confidences.chunks(2).zip(check.best.chunks(2));
+        let pixels = (0..).step_by(2).zip(pixels);
+        let matches = pixels.filter_map(|(x, (confidences, best))| {
+            let (&confidence, &best) = confidences.first().zip(best.first())?;
+            let position = check.position(x, best).filter(|_| confidence > 0)?;
+            Some((x, position))
+        });
         if sizes.channels() == 1 {
             self.exposure.learn::<1>(matches, levels, others);
         } else {

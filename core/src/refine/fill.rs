@@ -7,24 +7,18 @@ use crate::disparity::INVALID;
 
 /// Fills the gaps of a row; a row without any disparity stays as it is.
 pub fn fill_row(row: &mut [i16]) {
-    let mut gap_from = 0;
-    let mut left = INVALID;
-    for x in 0..=row.len() {
-        let right = row.get(x).copied();
-        if right == Some(INVALID) {
-            continue;
-        }
-        // The gap ends here, at a disparity or at the end of the row.
-        let fill = match right {
-            Some(right) if left == INVALID => right,
-            Some(right) => left.min(right),
-            None => left,
-        };
-        if let Some(gap) = row.get_mut(gap_from..x) {
+    let is_gap = |&found: &i16| found == INVALID;
+    let mut from = 0;
+    while let Some(known) = row.iter().skip(from).position(|found| is_gap(found)) {
+        let start = from + known;
+        let length = row.iter().skip(start).take_while(|found| is_gap(found));
+        let end = start + length.count();
+        let before = start.checked_sub(1).and_then(|left| row.get(left));
+        let fill = before.into_iter().chain(row.get(end)).min().copied();
+        if let (Some(fill), Some(gap)) = (fill, row.get_mut(start..end)) {
             gap.fill(fill);
         }
-        left = right.unwrap_or(left);
-        gap_from = x + 1;
+        from = end;
     }
 }
 
