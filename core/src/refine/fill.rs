@@ -7,11 +7,13 @@ use crate::disparity::INVALID;
 
 /// Fills the gaps of a row; a row without any disparity stays as it is.
 pub fn fill_row(row: &mut [i16]) {
-    let is_gap = |&found: &i16| found == INVALID;
     let mut from = 0;
-    while let Some(known) = row.iter().skip(from).position(|found| is_gap(found)) {
+    while let Some(known) = row.iter().skip(from).position(|&found| found == INVALID) {
         let start = from + known;
-        let length = row.iter().skip(start).take_while(|found| is_gap(found));
+        let length = row
+            .iter()
+            .skip(start)
+            .take_while(|&&found| found == INVALID);
         let end = start + length.count();
         let before = start.checked_sub(1).and_then(|left| row.get(left));
         let fill = before.into_iter().chain(row.get(end)).min().copied();
