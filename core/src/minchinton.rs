@@ -210,11 +210,8 @@ impl<'m> PatternRow<'m> {
     ) {
         // Nine samples make eight cells; the ninth is the first of the next byte.
         let window = strip.window(line);
-        let mut samples = synapses.iter().cycle().map(|offset| {
-            let start = window.start(offset, first, count);
-            let samples = start.and_then(|start| window.pixels().get(start..start + count));
-            samples.unwrap_or_default()
-        });
+        let offsets = synapses.iter().cycle();
+        let mut samples = offsets.map(|offset| window.samples(offset, first, count));
         let mut next = samples.next().unwrap_or_default();
         for plane in self.planes.chunks_exact_mut(self.stride.max(1)) {
             let mut group: [&[u8]; CELLS_PER_BYTE + 1] = [next; CELLS_PER_BYTE + 1];

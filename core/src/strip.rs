@@ -115,25 +115,10 @@ impl<'m> Strip<'m> {
         }
     }
 
-    /// The samples of `count` neighbouring neurons of line `line` that one synapse sees,
-    /// from stored position `first` on, in stored order.
+    /// `count` pixels of a line from stored position `from` on, in stored order. They may
+    /// lie in the padding; empty when they leave it.
     ///
-    /// The line that is looked at must be among the newest `depth`; lines after the
-    /// newest are the newest. Empty when the offset leaves the
-    /// support, the neurons leave the line, or nothing was pushed.
-    #[must_use]
-    pub fn samples(&self, line: u32, offset: Offset, first: usize, count: usize) -> &[u8] {
-        let dx = match self.order {
-            Order::Columns => offset.dx,
-            Order::Mirrored => offset.dx.saturating_neg(),
-        };
-        let line = line.saturating_add_signed(offset.dy.into());
-        // Positions are below the width, which fits 16 bits.
-        self.run(line, first as isize + isize::from(dx), count)
-    }
-
-    /// `count` pixels of a line from stored position `from` on, which may lie in the
-    /// padding; else as [`Strip::samples`].
+    /// The line must be among the newest `depth`; lines after the newest are the newest.
     #[must_use]
     #[inline]
     pub fn run(&self, line: u32, from: isize, count: usize) -> &[u8] {
@@ -148,7 +133,8 @@ impl<'m> Strip<'m> {
             .unwrap_or_default()
     }
 
-    /// The lines around `line`, for many lookups.
+    /// The lines around `line`, which together are among the newest `depth`; lines after
+    /// the newest are the newest.
     #[must_use]
     pub fn window(&self, line: u32) -> StripWindow<'_> {
         let newest = self.lines.saturating_sub(1);
@@ -165,7 +151,7 @@ impl<'m> Strip<'m> {
         }
     }
 
-    /// A line, in stored order; see [`Strip::samples`].
+    /// A line, in stored order; see [`Strip::run`].
     #[must_use]
     pub fn row(&self, line: u32) -> &[u8] {
         self.run(line, 0, self.width)
@@ -213,9 +199,20 @@ impl<'a> StripWindow<'a> {
         self.pixels
     }
 
-    /// Where in [`StripWindow::pixels`] the samples begin that [`Strip::samples`] gives;
-    /// `None` when those are empty. Strips of one shape that got the same number of lines
-    /// agree on it.
+    /// The samples of `count` neighbouring neurons of the middle line that one synapse sees,
+    /// from stored position `first` on, in stored order. Empty when the offset leaves the
+    /// support or the neurons leave the line.
+    #[must_use]
+    #[inline(always)]
+    pub fn samples(&self, offset: Offset, first: usize, count: usize) -> &'a [u8] {
+        let start = self.start(offset, first, count);
+        let samples = start.and_then(|start| self.pixels.get(start..start + count));
+        samples.unwrap_or_default()
+    }
+
+    /// Where in [`StripWindow::pixels`] the samples begin that [`StripWindow::samples`]
+    /// gives; `None` when those are empty. Strips of one shape that got the same number of
+    /// lines agree on it.
     #[must_use]
     #[inline(always)]
     pub fn start(&self, offset: Offset, first: usize, count: usize) -> Option<usize> {
@@ -298,8 +295,8 @@ mod tests {
                 let check = |strip: &Strip<'_>, y: usize| {
                     for dy in -(y_px as i8)..=y_px as i8 {
                         for dx in -(x_px as i8)..=x_px as i8 {
-                            let row = strip.samples(y as u32, Offset { dx, dy }, 0, width);
                             let window = strip.window(y as u32);
+                            let row = window.samples(Offset { dx, dy }, 0, width);
                             let start = window.start(Offset { dx, dy }, 0, width).unwrap();
                             assert_eq!(row, &window.pixels()[start..start + width]);
                             for x in 0..width {
@@ -335,17 +332,30 @@ mod tests {
             let mut block = [0; 16];
             let mut strip = Strip::new(4, 1, 3, order, &mut Arena::new(&mut block)).unwrap();
             strip.push(&[1, 2]);
-            let row = strip.samples(0, Offset { dx: 0, dy: 0 }, 0, 4);
+            let row = strip.window(0).samples(Offset { dx: 0, dy: 0 }, 0, 4);
             match order {
                 Order::Columns => assert_eq!(row, [1, 2, 2, 2]),
                 Order::Mirrored => assert_eq!(row, [2, 2, 2, 1]),
             }
             strip.push(&[]);
-            assert_eq!(strip.samples(1, Offset { dx: 0, dy: 0 }, 0, 4), [0; 4]);
-            assert!(strip.samples(0, Offset { dx: 2, dy: 0 }, 0, 4).is_empty());
+            assert_eq!(
+                strip.window(1).samples(Offset { dx: 0, dy: 0 }, 0, 4),
+                [0; 4]
+            );
+            assert!(
+                strip
+                    .window(0)
+                    .samples(Offset { dx: 2, dy: 0 }, 0, 4)
+                    .is_empty()
+            );
             let beyond = strip.window(0).start(Offset { dx: 2, dy: 0 }, 0, 4);
             assert_eq!(beyond, None);
-            assert!(strip.samples(0, Offset { dx: 0, dy: 0 }, 2, 4).is_empty());
+            assert!(
+                strip
+                    .window(0)
+                    .samples(Offset { dx: 0, dy: 0 }, 2, 4)
+                    .is_empty()
+            );
         }
     }
 }

@@ -81,9 +81,7 @@ pub fn difference_block(block: &DifferenceBlock<'_>, differences: &mut [u8]) {
         let centres = centre_of(window, block.first, lanes);
         let rows = differences.chunks_exact_mut(lanes.max(1));
         for (row, offset) in rows.zip(block.synapses.iter()) {
-            let start = window.start(offset, block.first, lanes);
-            let samples = start.and_then(|start| window.pixels().get(start..start + lanes));
-            let samples = samples.unwrap_or_default();
+            let samples = window.samples(offset, block.first, lanes);
             for ((difference, &a), &b) in row.iter_mut().zip(centres).zip(samples) {
                 *difference = difference.saturating_add(a.abs_diff(b));
             }
@@ -100,9 +98,7 @@ fn distance(a: u8, b: u8) -> u8 {
 /// The block's own pixels.
 #[inline(always)]
 fn centre_of<'a>(window: &StripWindow<'a>, first: usize, lanes: usize) -> &'a [u8] {
-    let start = window.start(Offset { dx: 0, dy: 0 }, first, lanes);
-    let run = start.and_then(|start| window.pixels().get(start..start + lanes));
-    run.unwrap_or_default()
+    window.samples(Offset { dx: 0, dy: 0 }, first, lanes)
 }
 
 /// A block of pixels to find masks of. Rows have one byte per pixel of the block; all

@@ -94,18 +94,16 @@ impl<'m, K: Kernels> RowMatcher<'m, K> {
     pub fn push(&mut self, left: &[u8], right: &[u8]) -> Option<u32> {
         self.sampler.push(left, right);
         let line = self.sampler.next_row(false)?;
-        self.recall(line)
+        self.recall(line);
+        Some(line)
     }
 
     /// After the last pair: gives the next of the rows still to come inside the region,
     /// `None` when there are no more.
     pub fn flush(&mut self) -> Option<u32> {
-        while let Some(line) = self.sampler.next_row(true) {
-            if let Some(line) = self.recall(line) {
-                return Some(line);
-            }
-        }
-        None
+        let line = self.sampler.next_row(true)?;
+        self.recall(line);
+        Some(line)
     }
 
     /// The row last completed: planes of `region.width` disparities in px; see
@@ -115,11 +113,8 @@ impl<'m, K: Kernels> RowMatcher<'m, K> {
         self.candidates_px
     }
 
-    fn recall(&mut self, line: u32) -> Option<u32> {
+    fn recall(&mut self, line: u32) {
         let region = &self.config.region;
-        if !region.contains_line(line) {
-            return None;
-        }
         let columns = usize::from(region.width);
         let column = usize::from(region.x);
         let width = usize::from(self.config.width);
@@ -150,7 +145,6 @@ impl<'m, K: Kernels> RowMatcher<'m, K> {
         };
         self.kernels
             .recall_row(&row, self.distances, self.candidates_px);
-        Some(line)
     }
 }
 

@@ -5,7 +5,7 @@ use core::ops::Range;
 use rand_core::SeedableRng;
 use rand_pcg::Pcg32;
 
-use crate::config::{Config, ConfigError};
+use crate::config::{Config, ConfigError, Region};
 use crate::disparity::Reference;
 use crate::kernel::Kernels;
 use crate::memory::{Arena, words};
@@ -14,7 +14,6 @@ use crate::strip::{Order, Strip};
 use crate::synapse::{StoredOffset, Synapses};
 
 /// Grey lines of both views in; the patterns of a row of neurons out.
-///
 #[derive(Debug)]
 pub(super) struct Sampler<'m> {
     synapses: Synapses<'m>,
@@ -25,6 +24,7 @@ pub(super) struct Sampler<'m> {
     pub(super) reference: Strip<'m>,
     pub(super) other: Strip<'m>,
     view: Reference,
+    region: Region,
     reach_lines: u32,
     next_row: u32,
 }
@@ -86,6 +86,7 @@ impl<'m> Sampler<'m> {
             )?,
             other: Strip::new(width, padding, depth, other_order, arena)?,
             view: config.reference,
+            region: config.region,
             reach_lines: support.y_px.into(),
             next_row: 0,
         })
@@ -119,14 +120,18 @@ impl<'m> Sampler<'m> {
         self.other.push(other);
     }
 
-    /// The next row whose lines below are all there; with `finishing`, the next row.
+    /// The next row inside the region whose lines below are all there; with `finishing`,
+    /// the next inside the region.
     pub(super) fn next_row(&mut self, finishing: bool) -> Option<u32> {
         let reach = if finishing { 0 } else { self.reach_lines };
-        (self.reference.lines() > self.next_row + reach).then(|| {
+        while self.reference.lines() > self.next_row + reach {
             let row = self.next_row;
             self.next_row += 1;
-            row
-        })
+            if self.region.contains_line(row) {
+                return Some(row);
+            }
+        }
+        None
     }
 
     /// Forms the patterns of row `line`: of these positions of the reference view, and of

@@ -343,18 +343,16 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
             }
         }
         let line = self.sampler.next_row(false)?;
-        self.match_row(line)
+        self.match_row(line);
+        Some(line)
     }
 
     /// After the last pair: gives the next of the rows still to come inside the region,
     /// `None` when there are no more.
     pub fn flush(&mut self) -> Option<u32> {
-        while let Some(line) = self.sampler.next_row(true) {
-            if let Some(line) = self.match_row(line) {
-                return Some(line);
-            }
-        }
-        None
+        let line = self.sampler.next_row(true)?;
+        self.match_row(line);
+        Some(line)
     }
 
     /// The row last completed, of the whole width; see [`RowCheck::write`].
@@ -375,10 +373,7 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         reference_channels(&self.colours, &self.sampler)
     }
 
-    fn match_row(&mut self, line: u32) -> Option<u32> {
-        if !self.config.region.contains_line(line) {
-            return None;
-        }
+    fn match_row(&mut self, line: u32) {
         let is_first = line == self.config.region.y;
         let sizes = Sizes::new(&self.config, &self.parameters);
         self.sampler
@@ -391,7 +386,6 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         }
         self.match_levels_and_patterns(line, is_first, &sizes);
         self.check(line, &sizes);
-        Some(line)
     }
 
     /// Matches the first line by its patterns alone, no exposure being known, for one to
