@@ -1,6 +1,7 @@
 //! What to compute: method parameters, image size, disparities, region, reference.
 
 use core::fmt;
+use core::num::NonZeroU8;
 
 use crate::camera::PixelFormat;
 use crate::disparity::{DisparityRange, MAX_MAGNITUDE_PX, Reference};
@@ -78,6 +79,9 @@ pub struct Aggregation {
     /// Difference from the pixel, summed over red, green and blue, up to which a cell
     /// always counts.
     pub mask_floor: u8,
+    /// By how much a cell's difference may be larger where that keeps too few, summed
+    /// likewise; twice, four times and so on until enough count.
+    pub mask_step: NonZeroU8,
     /// Cost of a pattern all of whose cells that count differ, at most 250.
     pub hamming_scale: u8,
     /// Largest cost of a pattern.
@@ -137,7 +141,7 @@ pub struct RegionVoteParameters {
     pub near_step: u8,
     /// The same in the farther half.
     pub far_step: u8,
-    /// Votes must be more than this.
+    /// Votes must be more than this; every other pixel of every other line has one.
     pub support_min: u8,
     /// The winner's share of the votes must be more than this, percent.
     pub share_min_percent: u8,
@@ -149,9 +153,9 @@ pub struct RegionVoteParameters {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct WeightedMedianParameters {
-    /// Reach along the line, px, at most 30.
+    /// Reach along the line, px, even, at most 30.
     pub reach_x_px: u8,
-    /// Reach across lines, at most 7; as many lines of latency.
+    /// Reach across lines, even, at most 6; as many lines of latency.
     pub reach_y_px: u8,
     /// Difference of colour, summed over red, green and blue, at which nothing weighs any
     /// more: 4 to 48.
@@ -159,13 +163,12 @@ pub struct WeightedMedianParameters {
 }
 
 impl WeightedMedianParameters {
-    /// Offsets of the taps from the centre, (columns, rows), row by row: of the window's
-    /// pixels those that on a chessboard have the centre's colour.
+    /// Offsets of the taps from the centre, (columns, rows), row by row: every other pixel
+    /// of every other row.
     pub(crate) fn taps(&self) -> impl Iterator<Item = (i32, i32)> + use<> {
         let (reach_x, reach_y) = (i32::from(self.reach_x_px), i32::from(self.reach_y_px));
-        let pixels =
-            (-reach_y..=reach_y).flat_map(move |dy| (-reach_x..=reach_x).map(move |dx| (dx, dy)));
-        pixels.filter(|(dx, dy)| (dx + dy) % 2 == 0)
+        let rows = (-reach_y..=reach_y).step_by(2);
+        rows.flat_map(move |dy| (-reach_x..=reach_x).step_by(2).map(move |dx| (dx, dy)))
     }
 
     /// Weight of a tap by its distance, 1/16: 20 at the centre, one less for each pixel
@@ -174,17 +177,15 @@ impl WeightedMedianParameters {
         (20 - dx.abs() - dy.abs()).max(1) as u8
     }
 
-    /// Number of taps, at most 363: their weights of at most 180 sum to 16 bits.
+    /// Taps of one of the window's rows.
+    pub(crate) const fn taps_per_row(&self) -> usize {
+        self.reach_x_px as usize + 1
+    }
+
+    /// Number of taps, at most 217: their weights of at most 180 sum to 16 bits.
     #[must_use]
     pub const fn tap_count(&self) -> usize {
-        let (reach_x, reach_y) = (self.reach_x_px as usize, self.reach_y_px as usize);
-        let window = (2 * reach_x + 1) * (2 * reach_y + 1);
-        // The colour of the corners has one more square.
-        if (reach_x + reach_y).is_multiple_of(2) {
-            window.div_ceil(2)
-        } else {
-            window / 2
-        }
+        self.taps_per_row() * (self.reach_y_px as usize + 1)
     }
 }
 
@@ -204,8 +205,8 @@ impl Aggregation {
         let median = match &self.weighted_median {
             Some(median) => {
                 median.reach_x_px <= 30
-                    && median.reach_y_px <= 7
-                    && median.tap_count() <= 363
+                    && median.reach_y_px <= 6
+                    && (median.reach_x_px | median.reach_y_px).is_multiple_of(2)
                     && median.colour_reach >= 4
                     && median.colour_reach <= 48
             }
@@ -384,7 +385,7 @@ impl fmt::Display for ConfigError {
                 "the largest cost and penalty must be below 255 together, the scale at most 250, P1 at most P2",
             ),
             Self::Windows => f.write_str(
-                "the speckle window may reach 15 lines, the vote 127 px and 15 lines, the weighted median 30 px and 363 px in all, and some cells must be kept",
+                "the speckle window may reach 15 lines, the vote 127 px and 15 lines, the weighted median even 30 px and 6 lines, and some cells must be kept",
             ),
             Self::Disparities => f.write_str(
                 "the disparities must be shorter than the line and at most 2047 px long",

@@ -8,8 +8,7 @@
 use crate::aggregation::{AggregateRow, aggregate_row};
 use crate::camera::PixelFormat;
 use crate::matching::{
-    CostRun, DifferenceBlock, LevelConversion, MaskBlock, RowRecall, convert_row, cost_run,
-    difference_block, mask_block, recall_row,
+    CostRun, LevelConversion, MaskBlock, RowRecall, convert_row, cost_run, mask_block, recall_row,
 };
 use crate::minchinton::CELLS_PER_BYTE;
 use crate::refine::{ArmsRow, WeightedMedianRow, arms_row, median9_row, weighted_median_row};
@@ -55,12 +54,6 @@ pub trait Kernels: Copy {
     #[inline]
     fn recall_row(&self, row: &RowRecall<'_>, distances: &mut [i16], candidates_px: &mut [i16]) {
         recall_row(row, distances, candidates_px);
-    }
-
-    /// Compares a block of pixels with their samples; see [`DifferenceBlock`].
-    #[inline]
-    fn difference_block(&self, block: &DifferenceBlock<'_>, differences: &mut [u8]) {
-        difference_block(block, differences);
     }
 
     /// Finds the cells that count of a block of pixels; see [`MaskBlock`].

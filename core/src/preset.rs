@@ -1,6 +1,7 @@
 //! Named sets of parameters, the same for every scene.
 
 use core::fmt;
+use core::num::NonZeroU8;
 use core::str::FromStr;
 
 use crate::config::{
@@ -25,7 +26,7 @@ pub enum Preset {
     Paper,
     /// Patterns of 32 cells as costs, aggregated, checked from both sides, plainly filled.
     Lite,
-    /// 64 cells with masks; vote and weighted median fill.
+    /// 48 cells with masks; vote and weighted median fill.
     Micro,
     /// 256 cells.
     Balanced,
@@ -82,7 +83,7 @@ impl Preset {
             Self::PaperRaw => "the paper's network alone, ties at random",
             Self::Paper => "the paper's network, vote filter and median",
             Self::Lite => "32 cells, aggregated, checked, plain fill and median",
-            Self::Micro => "64 cells, masked, aggregated, vote and weighted median",
+            Self::Micro => "48 cells, masked, aggregated, vote and weighted median",
             Self::Balanced => "the same with 256 cells and wider windows",
             Self::Quality => "the same with 512 cells and the widest windows",
         }
@@ -130,6 +131,7 @@ const AGGREGATION: Aggregation = Aggregation {
     colour: true,
     kept_cells_q8: 103,
     mask_floor: 20,
+    mask_step: NonZeroU8::new(24).unwrap(),
     hamming_scale: 96,
     hamming_truncation: 32,
     difference_weight_q4: 24,
@@ -169,11 +171,12 @@ const LITE: Parameters = Parameters {
 };
 
 const MICRO: Parameters = Parameters {
-    synapses: 64,
+    synapses: 48,
     sigmas_px: [3.0, 1.3],
     support: Support { x_px: 10, y_px: 3 },
     seed: DEFAULT_SEED,
     method: Method::Aggregation(Aggregation {
+        mask_step: NonZeroU8::new(48).unwrap(),
         // Runs of the line alone: no more line, and hardly any memory.
         speckle: Some(SpeckleParameters {
             size_min: 3,
@@ -181,7 +184,7 @@ const MICRO: Parameters = Parameters {
             reach_y_px: 0,
         }),
         vote: Some(region_vote(4)),
-        weighted_median: Some(weighted_median(14, 2)),
+        weighted_median: Some(weighted_median(12, 2)),
         ..AGGREGATION
     }),
 };
@@ -217,7 +220,7 @@ const QUALITY: Parameters = Parameters {
         margin: 30,
         speckle: Some(SPECKLE),
         vote: Some(region_vote(10)),
-        weighted_median: Some(weighted_median(22, 3)),
+        weighted_median: Some(weighted_median(22, 2)),
         ..AGGREGATION
     }),
 };
@@ -234,7 +237,7 @@ const fn region_vote(reach_y_px: u8) -> RegionVoteParameters {
         reach_y_px,
         near_step: 30,
         far_step: 6,
-        support_min: 5,
+        support_min: 2,
         share_min_percent: 40,
     }
 }

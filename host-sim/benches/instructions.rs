@@ -26,10 +26,9 @@ const D_MAX: u16 = 31;
 /// The function in which instructions are counted.
 const MEASURED: &str = "measured_frame";
 
-const KERNELS: [&str; 9] = [
+const KERNELS: [&str; 8] = [
     "pack_cells",
     "recall_row",
-    "difference_block",
     "mask_block",
     "cost_run",
     "aggregate_row",

@@ -3,6 +3,8 @@
 //!
 //! `cargo bench --bench kernels`
 
+use std::num::NonZeroU8;
+
 use criterion::measurement::WallTime;
 use criterion::{
     BatchSize, BenchmarkGroup, BenchmarkId, Criterion, Throughput, criterion_group, criterion_main,
@@ -14,14 +16,13 @@ use vgstereo_core::config::SpeckleParameters;
 use vgstereo_core::disparity::INVALID;
 use vgstereo_core::kernel::Kernels;
 use vgstereo_core::matching::{
-    CostRun, DifferenceBlock, LANES, MASK_LANES, MAX_CHANNELS, MaskBlock, RowRecall, TieBreak,
-    cost_stride,
+    CostRun, LANES, MASK_LANES, MAX_CHANNELS, MaskBlock, RowRecall, TieBreak, cost_stride,
 };
 use vgstereo_core::memory::Arena;
 use vgstereo_core::minchinton::{CELLS_PER_BYTE, PatternRow, Planes};
 use vgstereo_core::refine::{ArmsRow, Speckle, WeightedMedianRow, arms_scratch_bytes, fill_row};
 use vgstereo_core::strip::{Order, Strip};
-use vgstereo_core::synapse::{Support, Synapses};
+use vgstereo_core::synapse::{Offset, Support, Synapses};
 use vgstereo_sim::kernels::HostKernels;
 
 const WIDTH: usize = 450;
@@ -134,31 +135,30 @@ fn per_set(
 fn masks(criterion: &mut Criterion) {
     for count in [64, 256] {
         with_strip(count, |strip, synapses| {
-            let block = DifferenceBlock {
-                windows: [strip.window(LINE); MAX_CHANNELS],
-                channels: MAX_CHANNELS,
-                synapses: *synapses,
-                first: MASK_LANES,
-                lanes: MASK_LANES,
+            let window = strip.window(LINE);
+            let start = |offset| {
+                window
+                    .start(offset, 0, MASK_LANES)
+                    .expect("within the strip")
             };
-            let mut differences = vec![0; count * MASK_LANES];
-            // One element is one cell of one pixel.
-            let elements = Throughput::Elements((count * MASK_LANES) as u64);
-            let mut group = criterion.benchmark_group("difference_block");
-            group.throughput(elements.clone());
-            per_set(&mut group, count, |kernels| {
-                kernels.difference_block(&block, &mut differences);
-            });
-            group.finish();
+            let starts: Vec<u32> = synapses.iter().map(|o| start(o) as u32).collect();
+            let mut cells = vec![0; count * MASK_LANES];
             let mut masks = vec![0; count / CELLS_PER_BYTE * MASK_LANES];
             let mut group = criterion.benchmark_group("mask_block");
-            group.throughput(elements);
+            // One element is one cell of one pixel.
+            group.throughput(Throughput::Elements((count * MASK_LANES) as u64));
             per_set(&mut group, count, |kernels| {
                 kernels.mask_block(&mut MaskBlock {
-                    differences: &mut differences.clone(),
+                    levels: [window.pixels(); MAX_CHANNELS],
+                    channels: MAX_CHANNELS,
+                    centre: start(Offset { dx: 0, dy: 0 }) + MASK_LANES,
+                    starts: &starts,
+                    first: MASK_LANES,
                     lanes: MASK_LANES,
                     kept: (count * 2 / 5) as u16,
                     floor: 20,
+                    step: NonZeroU8::new(24).expect("not zero"),
+                    cells: &mut cells,
                     masks: &mut masks,
                     counts: [0; MASK_LANES],
                 });
@@ -260,7 +260,7 @@ fn found_row() -> Vec<i16> {
 
 fn refinement(criterion: &mut Criterion) {
     const REACH_X: usize = 16;
-    const ROWS: usize = 5;
+    const ROWS: usize = 3;
     // One element is one pixel.
     let elements = Throughput::Elements(WIDTH as u64);
     // Few levels: surfaces reach far and neighbours weigh.
@@ -283,7 +283,7 @@ fn refinement(criterion: &mut Criterion) {
 
     let mut group = criterion.benchmark_group("weighted_median_row");
     group.throughput(elements.clone());
-    let taps = ((2 * REACH_X + 1) * ROWS).div_ceil(2);
+    let taps = (REACH_X + 1) * ROWS;
     let values: Vec<i16> = noise(WIDTH + 2 * REACH_X, 60, 9)
         .iter()
         .map(|&px| i16::from(px) * 16)

@@ -7,7 +7,7 @@
 use vgstereo_core::aggregation::AggregateRow;
 use vgstereo_core::camera::PixelFormat;
 use vgstereo_core::kernel::{Kernels, Portable};
-use vgstereo_core::matching::{CostRun, DifferenceBlock, LevelConversion, MaskBlock, RowRecall};
+use vgstereo_core::matching::{CostRun, LevelConversion, MaskBlock, RowRecall};
 use vgstereo_core::minchinton::CELLS_PER_BYTE;
 use vgstereo_core::refine::{ArmsRow, WeightedMedianRow};
 
@@ -81,8 +81,6 @@ mod cost_avx2;
 #[cfg(target_arch = "x86_64")]
 mod cost_avx512;
 #[cfg(target_arch = "x86_64")]
-mod difference;
-#[cfg(target_arch = "x86_64")]
 mod mask_avx2;
 #[cfg(target_arch = "x86_64")]
 mod median;
@@ -98,9 +96,7 @@ macro_rules! compiled_for {
             use vgstereo_core::aggregation::AggregateRow;
             use vgstereo_core::camera::PixelFormat;
             use vgstereo_core::kernel;
-            use vgstereo_core::matching::{
-                self, CostRun, DifferenceBlock, LevelConversion, MaskBlock, RowRecall,
-            };
+            use vgstereo_core::matching::{self, CostRun, LevelConversion, MaskBlock, RowRecall};
             use vgstereo_core::minchinton::CELLS_PER_BYTE;
             use vgstereo_core::refine::{self, ArmsRow, WeightedMedianRow};
 
@@ -127,15 +123,6 @@ macro_rules! compiled_for {
             #[target_feature(enable = $features)]
             pub fn pack_cells(samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
                 kernel::pack_cells(samples, packed);
-            }
-
-            #[target_feature(enable = $features)]
-            pub fn difference_block(block: &DifferenceBlock<'_>, differences: &mut [u8]) {
-                if block.lanes == matching::MASK_LANES {
-                    super::difference::difference_block(block, differences);
-                } else {
-                    matching::difference_block(block, differences);
-                }
             }
 
             #[target_feature(enable = $features)]
@@ -245,10 +232,6 @@ impl Kernels for HostKernels {
 
     fn recall_row(&self, row: &RowRecall<'_>, distances: &mut [i16], candidates_px: &mut [i16]) {
         dispatch!(self, recall_row(row, distances, candidates_px));
-    }
-
-    fn difference_block(&self, block: &DifferenceBlock<'_>, differences: &mut [u8]) {
-        dispatch!(self, difference_block(block, differences));
     }
 
     fn mask_block(&self, block: &mut MaskBlock<'_>) {

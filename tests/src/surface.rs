@@ -489,11 +489,13 @@ fn mask(view: &View, offsets: &[StoredOffset], x: i32, y: i32, a: &Aggregation) 
             .min(255)
     };
     let cells: Vec<i32> = (0..n).map(|r| unlike(r).max(unlike(r + 1))).collect();
-    let mut sorted = cells.clone();
-    sorted.sort_unstable();
     let kept = (n * usize::from(a.kept_cells_q8)).div_ceil(256).max(1);
-    let floor = i32::from(a.mask_floor) / if view.channels.len() == 1 { 3 } else { 1 };
-    let threshold = sorted[kept - 1].max(floor);
+    let parts = if view.channels.len() == 1 { 3 } else { 1 };
+    let floor = i32::from(a.mask_floor) / parts;
+    let step = (i32::from(a.mask_step.get()) / parts).max(1);
+    let enough = |&threshold: &i32| cells.iter().filter(|&&c| c <= threshold).count() >= kept;
+    let higher = (0..9).map(|doublings| floor + (step << doublings));
+    let threshold = [floor].into_iter().chain(higher).find(enough).unwrap();
     cells.iter().map(|&cell| cell <= threshold).collect()
 }
 
@@ -578,12 +580,12 @@ fn vote(
         arm(x, y, 0, -1, parameters.reach_y_px),
         arm(x, y, 0, 1, parameters.reach_y_px),
     );
-    for v in y - up..=y + down {
+    for v in (y - up..=y + down).filter(|v| (v - y) % 2 == 0) {
         let (left, right) = (
             arm(x, v, -1, 0, parameters.reach_x_px),
             arm(x, v, 1, 0, parameters.reach_x_px),
         );
-        for u in x - left..=x + right {
+        for u in (x - left..=x + right).step_by(2) {
             let found = map[view.index(u, v)];
             if found >= 0 {
                 votes[(found as usize + 8) / 16] += 1;
@@ -675,8 +677,8 @@ fn weighted_median(
             let mut values = Vec::new();
             for v in (y - reach_y).max(0)..=(y + reach_y).min(view.height - 1) {
                 for u in (x - reach_x).max(0)..=(x + reach_x).min(view.width - 1) {
-                    // Squares of the other colour on a chessboard.
-                    if (u - x).abs() % 2 != (v - y).abs() % 2 {
+                    // Every other pixel of every other row.
+                    if (u - x) % 2 != 0 || (v - y) % 2 != 0 {
                         continue;
                     }
                     let value = map[view.index(u, v)];

@@ -1,5 +1,7 @@
 //! The aggregating method: whole streams against the whole-image oracle, and its promises.
 
+use std::num::NonZeroU8;
+
 use proptest::prelude::*;
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
@@ -29,6 +31,7 @@ fn aggregation() -> impl Strategy<Value = Aggregation> {
     let masks = (
         prop_oneof![Just(103_u16), Just(256), 1_u16..=256],
         0_u8..=60,
+        (1_u8..=255).prop_map(|step| NonZeroU8::new(step).unwrap()),
     );
     let costs = (
         1_u8..=120,
@@ -60,10 +63,10 @@ fn aggregation() -> impl Strategy<Value = Aggregation> {
             },
         );
     let weighted_median =
-        (0_u8..=12, 0_u8..=3, 4_u8..=48).prop_map(|(reach_x_px, reach_y_px, colour_reach)| {
+        (0_u8..=6, 0_u8..=2, 4_u8..=48).prop_map(|(half_x, half_y, colour_reach)| {
             WeightedMedianParameters {
-                reach_x_px,
-                reach_y_px,
+                reach_x_px: 2 * half_x,
+                reach_y_px: 2 * half_y,
                 colour_reach,
             }
         });
@@ -87,6 +90,7 @@ fn aggregation() -> impl Strategy<Value = Aggregation> {
                 colour,
                 kept_cells_q8: masks.0,
                 mask_floor: masks.1,
+                mask_step: masks.2,
                 hamming_scale: costs.0,
                 hamming_truncation: costs.1,
                 difference_weight_q4: costs.2,
@@ -515,7 +519,10 @@ fn a_region_of_one_line_waits_for_its_latency() {
         .into_iter()
         .flat_map(|ahead| reaches.map(|speckle| (ahead, speckle)))
         .flat_map(|(ahead, speckle)| reaches.map(|vote| (ahead, speckle, vote)))
-        .flat_map(|(ahead, speckle, vote)| reaches.map(|median| (ahead, speckle, vote, median)))
+        .flat_map(|(ahead, speckle, vote)| {
+            let reaches = [None, Some(0), Some(2), Some(4)];
+            reaches.map(|median| (ahead, speckle, vote, median))
+        })
     {
         let full = micro();
         let parameters = Parameters {

@@ -22,7 +22,7 @@ mod winner;
 pub use cost::{CostRun, MAX_CHANNELS, NO_COST, cost_run, cost_stride};
 pub use exposure::{LevelConversion, convert_row};
 pub use hamming::{LANES, NO_DISTANCE, distances};
-pub use mask::{DifferenceBlock, MASK_LANES, MaskBlock, difference_block, mask_block};
+pub use mask::{MASK_LANES, MaskBlock, mask_block};
 pub use row::RowMatcher;
 pub use surface::SurfaceMatcher;
 pub use winner::{Nearest, best, nearest, nth_at};

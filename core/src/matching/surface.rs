@@ -1,8 +1,10 @@
 //! The aggregating half of the matcher: pairs of lines in, rows of checked disparities out.
 
+use core::num::NonZeroU8;
+
 use super::cost::{CostRun, MAX_CHANNELS, cost_stride};
 use super::exposure::Exposure;
-use super::mask::{DifferenceBlock, MASK_LANES, MaskBlock};
+use super::mask::{MASK_LANES, MaskBlock};
 use super::sampler::{Sampler, SamplerSize, in_roles};
 use crate::aggregation::{AggregateRow, RowCheck, path_scratch_bytes};
 use crate::config::{Aggregation, Config, ConfigError};
@@ -10,8 +12,8 @@ use crate::disparity::Reference;
 use crate::kernel::Kernels;
 use crate::memory::{Arena, words};
 use crate::minchinton::{CELLS_PER_BYTE, Planes};
-use crate::strip::{Order, Strip, StripWindow};
-use crate::synapse::Synapses;
+use crate::strip::{Order, Strip};
+use crate::synapse::{Offset, Synapses};
 
 /// Pairs of lines in, one row of disparities out, `support.y_px` lines later; in the order
 /// in which the reference view is stored.
@@ -58,7 +60,9 @@ struct Colours<'m> {
 #[derive(Debug)]
 struct Masks<'m> {
     block: &'m mut [u8],
-    differences: &'m mut [u8],
+    cells: &'m mut [u8],
+    /// Where in the strips the first pixel's samples are, by synapse.
+    starts: &'m mut [u32],
 }
 
 /// Geometry derived from a configuration.
@@ -192,8 +196,9 @@ impl SurfaceMatcher<'_, ()> {
                 + 2 * words(width, 1);
         }
         if sizes.masked {
-            total +=
-                words(synapses / CELLS_PER_BYTE * MASK_LANES, 1) + words(synapses * MASK_LANES, 1);
+            total += words(synapses / CELLS_PER_BYTE * MASK_LANES, 1)
+                + words(synapses * MASK_LANES, 1)
+                + words(synapses, size_of::<u32>());
         }
         if parameters.difference_weight_q4 > 0 {
             total += 2 * words(sizes.channels() * sizes.positions, 1);
@@ -249,7 +254,8 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         let masks = if sizes.masked {
             Some(Masks {
                 block: arena.take(synapses / CELLS_PER_BYTE * MASK_LANES)?,
-                differences: arena.take(synapses * MASK_LANES)?,
+                cells: arena.take(synapses * MASK_LANES)?,
+                starts: arena.take(synapses)?,
             })
         } else {
             None
@@ -431,18 +437,29 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         let synapses = self.config.parameters.synapses;
         let cells = usize::from(synapses);
         let channels = reference_channels(&self.colours, &self.sampler);
-        // The floor is stated for the sum of three channels.
-        let floor = match channels.len() {
-            1 => parameters.mask_floor / 3,
-            _ => parameters.mask_floor,
+        // Floor and step are stated for the sum of three channels.
+        let (floor, step) = match channels.len() {
+            1 => (parameters.mask_floor / 3, parameters.mask_step.get() / 3),
+            _ => (parameters.mask_floor, parameters.mask_step.get()),
         };
+        let step = NonZeroU8::new(step).unwrap_or(NonZeroU8::MIN);
         // At least one cell, rounded up.
         let kept = (u32::from(synapses) * u32::from(parameters.kept_cells_q8)).div_ceil(256);
         let levels = rows_of(channels, line);
-        let mut windows = [StripWindow::NONE; MAX_CHANNELS];
-        for (window, channel) in windows.iter_mut().zip(channels) {
-            *window = channel.window(line);
+        let mut strips = [&[][..]; MAX_CHANNELS];
+        for (pixels, channel) in strips.iter_mut().zip(channels) {
+            *pixels = channel.window(line).pixels();
         }
+        let window = channels.first().map(|channel| channel.window(line));
+        let start = |offset| Some(window?.start(offset, 0, sizes.width)? as u32);
+        if let Some(masks) = &mut self.masks {
+            let offsets = self.sampler.synapses();
+            for (to, offset) in masks.starts.iter_mut().zip(offsets.iter()) {
+                // No support leaves the strip.
+                *to = start(offset).unwrap_or(0);
+            }
+        }
+        let centre = start(Offset { dx: 0, dy: 0 }).unwrap_or(0) as usize;
         for start in (0..sizes.width).step_by(MASK_LANES) {
             let lanes = MASK_LANES.min(sizes.width - start);
             // Masks of the last block are made of a whole one that overlaps with the one before.
@@ -450,25 +467,26 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
             let (skipped, masked) = (start - first, MASK_LANES.min(sizes.width));
             let mut counts = [synapses; MASK_LANES];
             let mut masks = Planes::NONE;
-            if let Some(Masks { differences, block }) = &mut self.masks
+            if let Some(Masks {
+                block,
+                cells: differences,
+                starts,
+            }) = &mut self.masks
                 && let Some(differences) = differences.get_mut(..cells * masked)
                 && let Some(block) = block.get_mut(..cells / CELLS_PER_BYTE * masked)
             {
-                let block_differences = DifferenceBlock {
-                    windows,
-                    channels: channels.len(),
-                    synapses: self.sampler.synapses(),
-                    first,
-                    lanes: masked,
-                };
-                self.kernels
-                    .difference_block(&block_differences, differences);
                 let mut task = MaskBlock {
-                    differences,
+                    levels: strips,
+                    channels: channels.len(),
+                    centre: centre + first,
+                    starts,
+                    first,
                     lanes: masked,
                     // At most the number of synapses.
                     kept: kept.max(1) as u16,
                     floor,
+                    step,
+                    cells: differences,
                     masks: block,
                     counts,
                 };

@@ -2,6 +2,7 @@
 //!
 //! The surface is the cross of like colour around the pixel: up and down from it, and
 //! left and right from each pixel of that (Zhang, Lu and Lafruit 2009; Mei et al. 2011).
+//! Every other pixel of every other line of it votes.
 //! One pass in place, from the top left: a pixel that was voted for votes further on.
 
 use super::ring::RowRing;
@@ -149,7 +150,13 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
             let above = window.reach_up(centre, x);
             let below = window.reach_down(centre, x);
             let surface = starts.get(centre - above..=centre + below);
-            for start in surface.unwrap_or_default() {
+            // The pixel's own line among them.
+            for start in surface
+                .unwrap_or_default()
+                .iter()
+                .skip(above % 2)
+                .step_by(2)
+            {
                 let at = start + x;
                 let arms = self.arms.values().get(at).copied().unwrap_or(0);
                 // Within the row.
@@ -169,9 +176,13 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
     /// The disparity that wins, 1/16 px.
     fn elect(&self) -> Option<i16> {
         let (_, votes) = self.votes.split_last()?;
-        let total: u32 = votes.iter().map(|&votes| u32::from(votes)).sum();
-        let most = votes.iter().fold(0, |a, &b| a.max(b));
-        let first = votes.iter().position(|&votes| votes == most)?;
+        let (mut total, mut most, mut first) = (0_u32, 0, 0);
+        for (index, &votes) in votes.iter().enumerate() {
+            total += u32::from(votes);
+            if votes > most {
+                (most, first) = (votes, index);
+            }
+        }
         let wins = total > self.parameters.support_min.into()
             && u32::from(most) * 100 > total * u32::from(self.parameters.share_min_percent);
         // Within the range, and so within 1/16 px.
@@ -179,12 +190,13 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
     }
 }
 
-/// Counts the disparities of a run, rounded to px; those that do not hold in the last place.
+/// Counts every other disparity of a run, rounded to px; those that do not hold in the last
+/// place.
 fn count_votes(run_q4: &[i16], votes: &mut [u16]) {
     let Some(last) = votes.len().checked_sub(1) else {
         return;
     };
-    for &found_q4 in run_q4 {
+    for &found_q4 in run_q4.iter().step_by(2) {
         // Negative where rejected or in doubt, and then beyond every disparity.
         let rounded_px = (usize::from(found_q4.cast_unsigned()) + 8) >> 4;
         if let Some(votes) = votes.get_mut(rounded_px.min(last)) {
@@ -201,22 +213,21 @@ struct Window<'a> {
 }
 
 impl Window<'_> {
+    /// How many pixels above `x` of a line, one after another, are like it.
     fn reach_up(&self, index: usize, x: usize) -> usize {
-        let centre = self.colour(index, x);
-        let path = (0..index).rev().map(|index| self.colour(index, x));
-        self.reach(centre, self.parameters.reach_y_px, path)
+        self.reach(index, x, (0..index).rev())
     }
 
+    /// The same below.
     fn reach_down(&self, index: usize, x: usize) -> usize {
-        let centre = self.colour(index, x);
-        let path = (index + 1..self.lines.len()).map(|index| self.colour(index, x));
-        self.reach(centre, self.parameters.reach_y_px, path)
+        self.reach(index, x, index + 1..self.lines.len())
     }
 
-    /// How many pixels along `path`, one after another, are like the centre: less so is
-    /// enough in the nearer half of `reach`.
+    /// How many pixels of a column on a path, one after another, are like that of line
+    /// `index`: less so is enough in the nearer half of the reach.
     #[inline]
-    fn reach(&self, centre: [u8; 3], reach: u8, path: impl Iterator<Item = [u8; 3]>) -> usize {
+    fn reach(&self, index: usize, x: usize, path: impl Iterator<Item = usize>) -> usize {
+        let reach = self.parameters.reach_y_px;
         let near = usize::from(reach / 2);
         let mut count = 0;
         for other in path.take(reach.into()) {
@@ -225,28 +236,17 @@ impl Window<'_> {
             } else {
                 self.parameters.far_step
             };
-            let like = |index: usize| centre[index].abs_diff(other[index]) <= step;
-            if !(like(0) && like(1) && like(2)) {
+            let is_like = |channel: usize| {
+                let level = |index: usize| self.lines.get(index)?.get(channel)?.get(x);
+                let levels = level(index).zip(level(other));
+                levels.is_some_and(|(&a, &b)| a.abs_diff(b) <= step)
+            };
+            if !(0..self.channels).all(is_like) {
                 break;
             }
             count += 1;
         }
         count
-    }
-
-    fn colour(&self, index: usize, x: usize) -> [u8; 3] {
-        let mut colour = [0; 3];
-        for (level, line) in colour
-            .iter_mut()
-            .zip(self.lines.get(index).into_iter().flatten())
-        {
-            *level = line.get(x).copied().unwrap_or(0);
-        }
-        if self.channels == 1 {
-            [colour[0]; 3]
-        } else {
-            colour
-        }
     }
 }
 

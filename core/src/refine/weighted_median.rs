@@ -1,7 +1,6 @@
 //! Weighted median over a wide, flat window: edges of disparity move to edges of colour.
 //!
-//! Every other pixel of the window, as the squares of one colour on a chessboard, is a tap.
-//! It weighs the more, the more its colour is like the centre's and the nearer it is; the
+//! Every other pixel of every other row of the window is a tap. It weighs the more, the more its colour is like the centre's and the nearer it is; the
 //! result is the smallest disparity at or below which lies half of the weight. Taps outside
 //! the image or without a disparity weigh nothing.
 
@@ -13,8 +12,8 @@ use crate::matching::MAX_CHANNELS;
 use crate::memory::{Arena, OutOfMemory, words};
 use crate::strip::Strip;
 
-/// Most rows of a window.
-pub const MAX_ROWS: usize = 15;
+/// Most rows of taps.
+pub const MAX_ROWS: usize = 7;
 
 /// Pixels filtered side by side.
 const LANES: usize = 16;
@@ -100,20 +99,21 @@ impl<'m, K: Kernels> WeightedMedian<'m, K> {
         let Some(line) = line else { return false };
         let reach_x = usize::from(self.parameters.reach_x_px);
         let width = output.len();
-        let rows = self.rows.around(line, self.parameters.reach_y_px);
-        // The window's first rows may lie above the frame.
-        let centre = (line - rows.start) as usize;
-        let first_dy = -(centre as i32);
-        let above = self.parameters.taps().take_while(|&(_, dy)| dy < first_dy);
+        // Rows of taps; the window's first ones may lie above the frame.
+        let most = u32::from(self.parameters.reach_y_px / 2);
+        let above = most.min(line / 2);
+        let below = most.min((self.rows.rows_in() - 1 - line) / 2);
+        let rows = (line - 2 * above..=line + 2 * below).step_by(2);
+        let skipped = (most - above) as usize * self.parameters.taps_per_row();
         let mut row = WeightedMedianRow {
             values: [&[]; MAX_ROWS],
             levels: [[&[]; MAX_ROWS]; MAX_CHANNELS],
             centres: [&[]; MAX_CHANNELS],
-            rows: rows.len().min(MAX_ROWS),
+            rows: rows.clone().count().min(MAX_ROWS),
             channels: channels.len().min(MAX_CHANNELS),
-            centre,
+            centre: above as usize,
             window_width: 2 * reach_x + 1,
-            places: self.places.get(above.count()..).unwrap_or_default(),
+            places: self.places.get(skipped..).unwrap_or_default(),
             colour_reach: self.parameters.colour_reach,
         };
         for (values, line) in row.values.iter_mut().zip(rows.clone()) {
@@ -136,10 +136,10 @@ impl<'m, K: Kernels> WeightedMedian<'m, K> {
 /// A row to filter, and the rows around it.
 #[derive(Debug, Clone, Copy)]
 pub struct WeightedMedianRow<'a> {
-    /// The window's rows of disparities from the top, each with the window's reach of
+    /// The rows of disparities that have taps, from the top, each with the window's reach of
     /// padding on both sides, [`INVALID`] outside.
     pub values: [&'a [i16]; MAX_ROWS],
-    /// The window's rows of each channel, padded likewise.
+    /// The same rows of each channel, padded likewise.
     pub levels: [[&'a [u8]; MAX_ROWS]; MAX_CHANNELS],
     /// The filtered row of each channel, without padding.
     pub centres: [&'a [u8]; MAX_CHANNELS],
@@ -158,17 +158,10 @@ pub struct WeightedMedianRow<'a> {
 }
 
 impl WeightedMedianRow<'_> {
-    /// Columns of the taps in one of the window's rows, from the window's first.
+    /// Columns of the taps, from the window's first.
     #[inline(always)]
-    pub fn tap_columns(&self, row: usize) -> impl ExactSizeIterator<Item = usize> + use<> {
-        (self.first_tap(row)..self.window_width).step_by(2)
-    }
-
-    /// The first of them: 0 or 1.
-    #[inline(always)]
-    #[must_use]
-    pub fn first_tap(&self, row: usize) -> usize {
-        (self.window_width / 2 + self.centre + row) % 2
+    pub fn tap_columns(&self) -> impl ExactSizeIterator<Item = usize> + use<> {
+        (0..self.window_width).step_by(2)
     }
 }
 
@@ -213,7 +206,7 @@ fn filter_block<const N: usize>(
     let (weights, _) = weights.as_chunks_mut::<N>();
     let mut taps = weights.iter_mut().zip(row.places);
     for (index, values) in row.values.iter().enumerate().take(row.rows) {
-        for dx in row.tap_columns(index) {
+        for dx in row.tap_columns() {
             let (Some((weights, &place)), Some(values)) =
                 (taps.next(), run_at::<_, N>(values, x + dx))
             else {
@@ -255,8 +248,8 @@ fn filter_block<const N: usize>(
         }
         let mut below = [0_u16; N];
         let mut taps = weights.iter();
-        for (index, values) in row.values.iter().enumerate().take(row.rows) {
-            for dx in row.tap_columns(index) {
+        for values in row.values.iter().take(row.rows) {
+            for dx in row.tap_columns() {
                 let (Some(weights), Some(values)) = (taps.next(), run_at::<_, N>(values, x + dx))
                 else {
                     return;

@@ -6,7 +6,7 @@ use vgstereo_core::aggregation::AggregateRow;
 use vgstereo_core::camera::{ErrorType, Geometry, LinePair, LinePairSource, PixelFormat};
 use vgstereo_core::kernel::Kernels;
 use vgstereo_core::matcher::DisparityLine;
-use vgstereo_core::matching::{CostRun, DifferenceBlock, LevelConversion, MaskBlock, RowRecall};
+use vgstereo_core::matching::{CostRun, LevelConversion, MaskBlock, RowRecall};
 use vgstereo_core::minchinton::CELLS_PER_BYTE;
 use vgstereo_core::refine::{ArmsRow, WeightedMedianRow};
 use vgstereo_firmware::{DisparitySink, Fault, FrameInfo};
@@ -195,12 +195,6 @@ impl<K: Kernels, C: Counter> Kernels for Metered<'_, K, C> {
     fn recall_row(&self, row: &RowRecall<'_>, distances: &mut [i16], candidates_px: &mut [i16]) {
         let body = || self.inner.recall_row(row, distances, candidates_px);
         self.meter.measure_innermost(Stage::Hamming, body);
-    }
-
-    #[inline]
-    fn difference_block(&self, block: &DifferenceBlock<'_>, differences: &mut [u8]) {
-        let body = || self.inner.difference_block(block, differences);
-        self.meter.measure_innermost(Stage::Masks, body);
     }
 
     #[inline]

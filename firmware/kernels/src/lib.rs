@@ -10,7 +10,6 @@
 mod aggregate;
 mod arms;
 mod cost;
-mod difference;
 mod mask;
 mod median9;
 mod pack;
@@ -20,7 +19,7 @@ mod weighted_median;
 
 use vgstereo_core::aggregation::AggregateRow;
 use vgstereo_core::kernel::Kernels;
-use vgstereo_core::matching::{CostRun, DifferenceBlock, MaskBlock};
+use vgstereo_core::matching::{CostRun, MaskBlock};
 use vgstereo_core::minchinton::CELLS_PER_BYTE;
 use vgstereo_core::refine::{ArmsRow, WeightedMedianRow};
 
@@ -43,11 +42,6 @@ impl Kernels for Armv7em {
     #[inline]
     fn aggregate_row(&self, row: &mut AggregateRow<'_>) {
         aggregate::aggregate_row(row);
-    }
-
-    #[inline]
-    fn difference_block(&self, block: &DifferenceBlock<'_>, differences: &mut [u8]) {
-        difference::difference_block(block, differences);
     }
 
     #[inline]

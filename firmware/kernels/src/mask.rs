@@ -1,10 +1,10 @@
 //! Cells that count, four pixels in a word.
 
-use vgstereo_core::matching::{self, MASK_LANES, MaskBlock};
+use vgstereo_core::matching::{self, MASK_LANES, MAX_CHANNELS, MaskBlock};
 use vgstereo_core::minchinton::CELLS_PER_BYTE;
 
 use crate::simd::{
-    add_saturating_u8x4, halve_sum_u8x4, load, max_u8x4, min_u8x4, select_ge_u8x4, splat_u8, store,
+    add_saturating_u8x4, distance_u8x4, load, max_u8x4, min_u8x4, select_ge_u8x4, splat_u8, store,
     sub_saturating_u8x4,
 };
 
@@ -12,97 +12,160 @@ use crate::simd::{
 const LANES: usize = 4;
 /// Words of a row of the block.
 const WORDS: usize = MASK_LANES / LANES;
-/// By how much the second threshold that is tried differs from the first.
-const FIRST_STEP: u8 = 16;
+/// Words that are compared side by side: as many as registers hold.
+const GROUP: usize = 4;
+
+/// Thresholds to try, at least ten: a step may double eight times until it is beyond every
+/// difference. A power of two, which places are easily kept below.
+const RUNGS: usize = 16;
 
 type Row = [[u8; LANES]; WORDS];
+type Group = [u32; GROUP];
 /// The cells of a byte of the mask.
 type Rows = [Row; CELLS_PER_BYTE];
 
 /// The same as core's `mask_block`.
 #[inline(never)]
 pub fn mask_block(block: &mut MaskBlock<'_>) {
-    let rows = block.differences.as_chunks_mut::<LANES>().0;
-    let rows = rows.as_chunks_mut::<WORDS>().0;
-    let (cells, rest) = rows.as_chunks_mut::<CELLS_PER_BYTE>();
-    let count = cells.len() * CELLS_PER_BYTE;
-    let fits = (usize::from(block.kept)..=usize::from(u8::MAX)).contains(&count);
-    if block.lanes != MASK_LANES || !rest.is_empty() || !fits {
+    let count = block.starts.len();
+    let is_counted = (usize::from(block.kept)..=usize::from(u8::MAX)).contains(&count);
+    let fits = is_counted
+        && count.is_multiple_of(CELLS_PER_BYTE)
+        && block.cells.len() == count * MASK_LANES;
+    if block.lanes != MASK_LANES || !fits {
         matching::mask_block(block);
         return;
     }
+    if block.channels == 1 {
+        compare::<1>(block);
+    } else {
+        compare::<MAX_CHANNELS>(block);
+    }
+    let ladder = Ladder::new(block);
+    let rows = block.cells.as_chunks::<LANES>().0.as_chunks::<WORDS>().0;
+    let cells = rows.as_chunks::<CELLS_PER_BYTE>().0;
     let masks = block.masks.as_chunks_mut::<LANES>().0;
     let masks = masks.as_chunks_mut::<WORDS>().0;
-    let counts = block.counts.as_chunks_mut::<LANES>().0;
-    // At most the number of cells.
-    let kept = splat_u8(block.kept as u8);
-    let floor = splat_u8(block.floor);
     // Neighbours have like thresholds.
-    let mut thresholds = floor;
-    for (word, counts) in (0..WORDS).zip(counts) {
-        join_cells(cells, word);
+    let mut rungs = 0;
+    for (word, counts) in (0..WORDS).zip(block.counts.as_chunks_mut::<LANES>().0) {
         let kept_cells;
-        (thresholds, kept_cells) = search(cells, word, kept, floor, thresholds);
+        (rungs, kept_cells) = ladder.search(cells, word, rungs);
         *counts = kept_cells.to_le_bytes().map(u16::from);
-        for (mask, rows) in masks.iter_mut().zip(&*cells) {
-            let mut bits = 0;
-            for row in rows.iter().rev() {
-                let cell = load(&row[word]);
-                bits = bits << 1 | select_ge_u8x4(thresholds, cell, splat_u8(1), 0);
+        write_masks(cells, word, ladder.thresholds(rungs), masks);
+    }
+}
+
+/// Thresholds, each a rung.
+struct Ladder {
+    thresholds: [u8; RUNGS],
+    /// Cells to keep, four times.
+    kept: u32,
+}
+
+impl Ladder {
+    fn new(block: &MaskBlock<'_>) -> Self {
+        let mut thresholds = [block.floor; RUNGS];
+        let mut excess = block.step.get();
+        for threshold in thresholds.iter_mut().skip(1) {
+            *threshold = block.floor.saturating_add(excess);
+            excess = excess.saturating_mul(2);
+        }
+        Self {
+            thresholds,
+            // At most the number of cells.
+            kept: splat_u8(block.kept as u8),
+        }
+    }
+
+    /// The thresholds of four rungs.
+    #[inline(always)]
+    fn thresholds(&self, rungs: u32) -> u32 {
+        let rungs = rungs.to_le_bytes();
+        load(&rungs.map(|rung| self.thresholds[usize::from(rung) % RUNGS]))
+    }
+
+    /// The lowest rungs that keep enough cells of four pixels, and how many those are; looked
+    /// for from `probes` on, one by one.
+    #[inline(never)]
+    fn search(&self, cells: &[Rows], word: usize, mut probes: u32) -> (u32, u32) {
+        // Everything is within the highest.
+        let (mut low, mut high) = (0, splat_u8(RUNGS as u8 - 1));
+        let mut counts = splat_u8((cells.len() * CELLS_PER_BYTE) as u8);
+        loop {
+            let counted = count_within(cells, word, self.thresholds(probes));
+            let enough = |yes, no| select_ge_u8x4(counted, self.kept, yes, no);
+            high = enough(probes, high);
+            counts = enough(counted, counts);
+            let above = probes + splat_u8(1);
+            low = enough(low, above);
+            if low == high {
+                return (high, counts);
             }
-            store(bits, &mut mask[word]);
+            let below = max_u8x4(sub_saturating_u8x4(probes, splat_u8(1)), low);
+            probes = enough(below, min_u8x4(above, high));
         }
     }
 }
 
-/// Makes a synapse's difference its cell's: the larger of its own and its partner's.
+/// Writes the cells: the larger differences of two samples from their pixels.
 #[inline(always)]
-fn join_cells(cells: &mut [Rows], word: usize) {
-    // From the last to the first, whose partner comes after it.
-    let Some(first) = cells.first() else { return };
-    let mut partner = load(&first[0][word]);
-    for rows in cells.iter_mut().rev() {
-        for row in rows.iter_mut().rev() {
-            let own = load(&row[word]);
-            store(max_u8x4(own, partner), &mut row[word]);
+fn compare<const CHANNELS: usize>(block: &mut MaskBlock<'_>) {
+    let mut levels = [&[][..]; CHANNELS];
+    for (levels, channel) in levels.iter_mut().zip(block.levels) {
+        *levels = channel;
+    }
+    let rows = block.cells.as_chunks_mut::<LANES>().0;
+    let rows = rows.as_chunks_mut::<WORDS>().0;
+    for group in 0..WORDS / GROUP {
+        let shift = group * GROUP * LANES;
+        let run = |levels: &[u8], start: usize| -> Group {
+            let bytes = levels.get(start + shift..);
+            let words = bytes.and_then(|bytes| bytes.first_chunk::<{ GROUP * LANES }>());
+            let mut run = [0; GROUP];
+            if let Some(words) = words {
+                for (word, bytes) in run.iter_mut().zip(words.as_chunks().0) {
+                    *word = load(bytes);
+                }
+            }
+            run
+        };
+        let centres = levels.map(|levels| run(levels, block.centre));
+        let differences = |start: u32| {
+            let mut sums = [0; GROUP];
+            for (centre, levels) in centres.iter().zip(&levels) {
+                let samples = run(levels, start as usize + block.first);
+                for ((sum, &centre), sample) in sums.iter_mut().zip(centre).zip(samples) {
+                    let difference = distance_u8x4(centre, sample);
+                    *sum = if CHANNELS == 1 {
+                        difference
+                    } else {
+                        add_saturating_u8x4(*sum, difference)
+                    };
+                }
+            }
+            sums
+        };
+        // From the last to the first, whose partner comes after it.
+        let mut partner = block.starts.first().map_or([0; GROUP], |&s| differences(s));
+        for (row, &start) in rows.iter_mut().zip(block.starts).rev() {
+            let own = differences(start);
+            let words = row.as_chunks_mut::<GROUP>().0;
+            if let Some(words) = words.get_mut(group) {
+                for ((cells, &own), &partner) in words.iter_mut().zip(&own).zip(&partner) {
+                    store(max_u8x4(own, partner), cells);
+                }
+            }
             partner = own;
         }
-    }
-}
-
-/// The smallest thresholds that keep enough cells and are not below the floor, or others
-/// that keep the same cells; and how many those are. Searched for from `probes` outwards,
-/// in steps that double.
-#[inline(never)]
-fn search(cells: &[Rows], word: usize, kept: u32, floor: u32, mut probes: u32) -> (u32, u32) {
-    let (mut low, mut high) = (floor, splat_u8(u8::MAX));
-    // Below `WORDS` for the compiler too.
-    let word = word % WORDS;
-    // As many as there are, which is what the highest threshold keeps.
-    let mut counts = splat_u8((cells.len() * CELLS_PER_BYTE) as u8);
-    let mut step = splat_u8(FIRST_STEP);
-    loop {
-        let counted = count_within(cells, word, probes);
-        let enough = |yes, no| select_ge_u8x4(counted, kept, yes, no);
-        high = enough(probes, high);
-        counts = enough(counted, counts);
-        // A lower threshold that keeps no fewer would keep the same.
-        let exact = select_ge_u8x4(kept, counted, probes, low);
-        low = enough(exact, add_saturating_u8x4(probes, splat_u8(1)));
-        if low == high {
-            return (high, counts);
-        }
-        let middle = halve_sum_u8x4(low, high);
-        let down = max_u8x4(middle, sub_saturating_u8x4(probes, step));
-        let up = min_u8x4(middle, add_saturating_u8x4(probes, step));
-        probes = enough(down, up);
-        step = add_saturating_u8x4(step, step);
     }
 }
 
 /// How many cells of each pixel are within its threshold.
 #[inline(always)]
 fn count_within(cells: &[Rows], word: usize, thresholds: u32) -> u32 {
+    // Below `WORDS` for the compiler too.
+    let word = word % WORDS;
     let mut counts = 0;
     for rows in cells {
         for row in rows {
@@ -110,4 +173,17 @@ fn count_within(cells: &[Rows], word: usize, thresholds: u32) -> u32 {
         }
     }
     counts
+}
+
+/// Writes the masks of four pixels: the cells within their thresholds.
+#[inline(never)]
+fn write_masks(cells: &[Rows], word: usize, thresholds: u32, masks: &mut [Row]) {
+    let word = word % WORDS;
+    for (mask, rows) in masks.iter_mut().zip(cells) {
+        let mut bits = 0;
+        for row in rows.iter().rev() {
+            bits = bits << 1 | select_ge_u8x4(thresholds, load(&row[word]), splat_u8(1), 0);
+        }
+        store(bits, &mut mask[word]);
+    }
 }

@@ -103,6 +103,29 @@ pub fn add_odd_bytes(a: u32, b: u32) -> u32 {
     }
 }
 
+/// Signed halfwords as bytes 0 and 2: at least 0, at most 255.
+#[inline(always)]
+#[must_use]
+pub fn saturate_to_u8x2(a: u32) -> u32 {
+    #[cfg(dsp_extension)]
+    {
+        let result;
+        // SAFETY: the instruction works on a register and a flag alone.
+        unsafe {
+            core::arch::asm!(
+                "usat16 {}, #8, {}",
+                lateout(reg) result, in(reg) a,
+                options(pure, nomem, nostack),
+            );
+        }
+        result
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        signed_halfwords(a, 0, |a, _| a.clamp(0, 255))
+    }
+}
+
 /// Where a byte of `a` is at least that of `b` the byte of `yes`, elsewhere that of `no`.
 #[inline(always)]
 #[must_use]

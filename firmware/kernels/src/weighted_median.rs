@@ -1,15 +1,20 @@
-//! Weighted medians of four pixels side by side: two halfwords in a word.
+//! Weighted medians of four pixels side by side: four bytes in a word.
 //!
-//! The taps that weigh are listed once; the median is then searched for from the pixel's
-//! own disparity outwards, in steps that double, which is near where it lies.
+//! The taps that weigh are listed once, with their values from an origin of each pixel on,
+//! as far as a byte goes; its own disparity is in the middle of that, and the median is
+//! searched for from there outwards, in steps that double. Where it is not within a byte,
+//! which is rare, the origin moves on.
+
+use core::array::from_fn;
 
 use vgstereo_core::disparity::INVALID;
 use vgstereo_core::refine::{self, WeightedMedianRow};
 
 use crate::simd::{
-    add_saturating_i16x2, add_saturating_u8x4, distance_u8x4, halve_sum_i16x2, halve_sum_u16x2,
-    load, max_i16x2, min_i16x2, pair_of, select_ge_i16x2, select_ge_u16x2, splat_u8, splat_u16,
-    sub_saturating_i16x2, sub_saturating_u8x4,
+    add_even_bytes, add_odd_bytes, add_saturating_i16x2, add_saturating_u8x4, distance_u8x4,
+    even_bytes, halve_sum_u8x4, halve_sum_u16x2, load, max_u8x4, min_i16x2, min_u8x4, odd_bytes,
+    pair_of, saturate_to_u8x2, select_ge_i16x2, select_ge_u8x4, select_ge_u16x2, splat_u8,
+    splat_u16, sub_saturating_i16x2, sub_saturating_u8x4,
 };
 
 /// Pixels filtered side by side.
@@ -37,18 +42,32 @@ const fn weights() -> [[u8; LIKENESSES]; PLACES] {
     weights
 }
 
-/// A tap of four pixels: their values and weights, two to a word.
-type Tap = [u32; 4];
+/// A tap of four pixels: their values from the origins on and their weights, in the order 0,
+/// 2, 1, 3: bytes 0 and 2 are those of the first two pixels.
+type Tap = [u32; 2];
+
+/// Two words of halfwords, one for each of four pixels.
+type Halfwords = [u32; 2];
+
+/// Where a pixel's own disparity is from its origin on.
+const OWN: u8 = 128;
+/// How far the origin moves; the last value of a byte stands for all after it.
+const MOVE: u16 = 254;
 
 /// The same as core's `weighted_median_row`.
 #[inline(never)]
 pub fn weighted_median_row(row: &WeightedMedianRow<'_>, weights: &mut [u8], output: &mut [i16]) {
     let width = output.len();
-    let taps = bytemuck::try_cast_slice_mut::<u8, Tap>(weights);
-    let (true, Ok(taps)) = (width >= LANES, taps) else {
+    let count = row.rows * row.tap_columns().len();
+    let words = bytemuck::try_cast_slice_mut::<u8, u32>(weights);
+    let words = words
+        .ok()
+        .and_then(|words| words.split_at_mut_checked(count));
+    let (true, Some((weights, list))) = (width >= LANES, words) else {
         refine::weighted_median_row(row, weights, output);
         return;
     };
+    let list = list.as_chunks_mut().0;
     let clear = clear_columns(row);
     let window = row.window_width - 1 + LANES;
     // The last block overlaps the one before rather than leave a rest.
@@ -56,9 +75,9 @@ pub fn weighted_median_row(row: &WeightedMedianRow<'_>, weights: &mut [u8], outp
         let x = x.min(width - LANES);
         let is_clear = clear.start <= x && x + window <= clear.end;
         let medians = match (row.channels, is_clear) {
-            (1, true) => filter_block::<1, true>(row, x, taps),
-            (1, false) => filter_block::<1, false>(row, x, taps),
-            _ => filter_block::<3, false>(row, x, taps),
+            (1, true) => filter_block::<1, true>(row, x, weights, list),
+            (1, false) => filter_block::<1, false>(row, x, weights, list),
+            _ => filter_block::<3, false>(row, x, weights, list),
         };
         if let (Some(medians), Some(output)) = (medians, output.get_mut(x..x + LANES)) {
             output.copy_from_slice(&medians);
@@ -92,95 +111,98 @@ fn clear_columns(row: &WeightedMedianRow<'_>) -> core::ops::Range<usize> {
 fn filter_block<const CHANNELS: usize, const CLEAR: bool>(
     row: &WeightedMedianRow<'_>,
     x: usize,
+    weights: &mut [u32],
     list: &mut [Tap],
 ) -> Option<[i16; LANES]> {
-    let reach = splat_u8(row.colour_reach);
-    let mut centres = [0; CHANNELS];
-    for (centre, levels) in centres.iter_mut().zip(row.centres) {
-        *centre = load(run_at(levels, x)?);
-    }
+    weigh::<CHANNELS>(row, x, weights)?;
     let own = words_of(run_at(
         row.values.get(row.centre)?,
         x + row.window_width / 2,
     )?);
-    let mut places = row.places;
-    let mut listed = 0;
-    let mut totals = [0; 2];
-    for (index, values) in row.values.iter().enumerate().take(row.rows) {
-        let count = row.tap_columns(index).len();
-        let start = x + row.first_tap(index);
-        // Four pixels from a tap on are two pairs from its own on.
-        let mut levels = [&[][..]; CHANNELS];
-        for (levels, rows) in levels.iter_mut().zip(&row.levels) {
-            let pairs = rows.get(index)?.get(start..)?.as_chunks().0;
-            *levels = pairs.get(..count + 1)?;
+    let lowest = splat_u16((INVALID + 1).cast_unsigned());
+    // One whose highest value is the highest of all.
+    let last = splat_u16((i16::MAX - MOVE.cast_signed()).cast_unsigned());
+    let mut origins = own.map(|own| {
+        let origin = sub_saturating_i16x2(own, splat_u16(OWN.into()));
+        // A pixel without a disparity may be near any.
+        min_i16x2(select_ge_i16x2(own, lowest, origin, 0), last)
+    });
+    loop {
+        let listed = list_taps::<CLEAR>(row, x, weights, origins, list)?;
+        let listed = list.get(..listed)?;
+        let totals = total(listed);
+        let medians = search(listed, totals);
+        let found = [even_bytes(medians), odd_bytes(medians)];
+        let mut is_settled = true;
+        let mut values = [0; 2];
+        for word in 0..2 {
+            values[word] = add_saturating_i16x2(origins[word], found[word]);
+            let down = sub_saturating_i16x2(origins[word], splat_u16(MOVE));
+            let up = min_i16x2(add_saturating_i16x2(origins[word], splat_u16(MOVE)), last);
+            // The first value of a byte stands for all before it.
+            let moved = select_ge_i16x2(0, found[word], down, origins[word]);
+            let moved = select_ge_i16x2(found[word], splat_u16(255), up, moved);
+            let moved = select_ge_u16x2(totals[word], splat_u16(1), moved, origins[word]);
+            is_settled &= moved == origins[word];
+            origins[word] = moved;
+            let invalid = splat_u16(INVALID.cast_unsigned());
+            values[word] = select_ge_u16x2(totals[word], splat_u16(1), values[word], invalid);
         }
-        let values = values.get(start..)?.as_chunks().0.get(..count + 1)?;
-        let (row_places, rest) = places.split_at_checked(count)?;
-        places = rest;
-        let taps = TapsRow {
-            levels,
-            values,
-            places: row_places,
-            centres,
-            reach,
-        };
-        listed += list_row::<CHANNELS, CLEAR>(&taps, list.get_mut(listed..)?, &mut totals)?;
-    }
-    let listed = list.get(..listed)?;
-    let medians = search(listed, own, totals);
-    let mut found = [INVALID; LANES];
-    for (lane, found) in found.iter_mut().enumerate() {
-        let half = |words: [u32; 2]| (words[lane / 2] >> (16 * (lane % 2))) as u16;
-        if half(totals) > 0 {
-            *found = half(medians).cast_signed();
+        if is_settled {
+            let [a, b] = values.map(|pair| [pair as u16, (pair >> 16) as u16]);
+            return Some([a[0], a[1], b[0], b[1]].map(u16::cast_signed));
         }
     }
-    Some(found)
 }
 
-/// The taps of a row of the window.
-struct TapsRow<'a, const CHANNELS: usize> {
-    /// Pairs of pixels, one more than taps.
-    levels: [&'a [[u8; 2]]; CHANNELS],
-    values: &'a [[i16; 2]],
-    places: &'a [u8],
-    /// Four pixels in each channel.
-    centres: [u32; CHANNELS],
-    /// Difference at which nothing weighs any more, four times.
-    reach: u32,
+/// Writes the weights of the taps of four pixels from `x` on, in the order of [`Tap`].
+#[inline(always)]
+fn weigh<const CHANNELS: usize>(
+    row: &WeightedMedianRow<'_>,
+    x: usize,
+    weights: &mut [u32],
+) -> Option<()> {
+    let count = row.tap_columns().len();
+    let mut centres = [0; CHANNELS];
+    for (centre, levels) in centres.iter_mut().zip(row.centres) {
+        *centre = load(run_at(levels, x)?);
+    }
+    let rows = weights.chunks_exact_mut(count.max(1));
+    let rows = rows.zip(row.places.chunks_exact(count.max(1)));
+    for (index, (weights, places)) in rows.enumerate().take(row.rows) {
+        let mut pairs = [&[][..]; CHANNELS];
+        for (pairs, levels) in pairs.iter_mut().zip(&row.levels) {
+            *pairs = pairs_from(levels.get(index)?, x, count)?;
+        }
+        weigh_row(pairs, centres, splat_u8(row.colour_reach), places, weights)?;
+    }
+    Some(())
 }
 
-/// Lists the taps that weigh and adds their weights to the totals; gives their number.
+/// The same of a row, from pairs of its pixels, one more than taps.
 #[inline(never)]
-fn list_row<const CHANNELS: usize, const CLEAR: bool>(
-    row: &TapsRow<'_, CHANNELS>,
-    list: &mut [Tap],
-    totals: &mut [u32; 2],
-) -> Option<usize> {
-    let TapsRow { centres, reach, .. } = *row;
+fn weigh_row<const CHANNELS: usize>(
+    pairs: [&[[u8; 2]]; CHANNELS],
+    centres: [u32; CHANNELS],
+    reach: u32,
+    places: &[u8],
+    weights: &mut [u32],
+) -> Option<()> {
+    let count = weights.len();
     let mut levels = [&[][..]; CHANNELS];
-    let mut levels_before = [0; CHANNELS];
-    let count = row.places.len();
+    let mut before = [0; CHANNELS];
     for channel in 0..CHANNELS {
-        let (&first, rest) = row.levels[channel].split_first()?;
-        levels_before[channel] = u32::from(u16::from_le_bytes(first));
+        let (&first, rest) = pairs[channel].split_first()?;
+        before[channel] = u32::from(u16::from_le_bytes(first));
         levels[channel] = rest.get(..count)?;
     }
-    let (first, values) = row.values.split_first()?;
-    let mut values_before = pair_of(first);
-    let values = values.get(..count)?;
-    let [mut total_low, mut total_high] = *totals;
-    let all = list.len();
-    let mut list = list.iter_mut();
+    let places = places.get(..count)?;
     for tap in 0..count {
-        let values = [values_before, pair_of(&values[tap])];
-        values_before = values[1];
         let mut difference = 0;
         for channel in 0..CHANNELS {
             let pair = u32::from(u16::from_le_bytes(levels[channel][tap]));
-            let four = levels_before[channel] | pair << 16;
-            levels_before[channel] = pair;
+            let four = before[channel] | pair << 16;
+            before[channel] = pair;
             let distance = distance_u8x4(centres[channel], four);
             difference = if CHANNELS == 1 {
                 // Grey counts as three equal channels.
@@ -190,75 +212,127 @@ fn list_row<const CHANNELS: usize, const CLEAR: bool>(
             };
         }
         let likeness = sub_saturating_u8x4(reach, difference);
-        if likeness == 0 {
-            continue;
+        weights[tap] = likeness;
+        if likeness > 0 {
+            let by_likeness = &WEIGHTS[usize::from(places[tap]) % PLACES];
+            let weight = |lane: u32| {
+                // Six bits.
+                u32::from(by_likeness[(likeness >> (8 * lane)) as usize % LIKENESSES])
+            };
+            weights[tap] = weight(0) | weight(1) << 16 | weight(2) << 8 | weight(3) << 24;
         }
-        let by_likeness = &WEIGHTS[usize::from(row.places[tap]) % PLACES];
-        let weight = |lane: u32| {
-            // Six bits.
-            u32::from(by_likeness[(likeness >> (8 * lane)) as usize % LIKENESSES])
-        };
-        let mut weights = [weight(0) | weight(1) << 16, weight(2) | weight(3) << 16];
-        if !CLEAR {
-            let least = splat_u16((INVALID + 1).cast_unsigned());
-            for (weights, &values) in weights.iter_mut().zip(&values) {
-                *weights = select_ge_i16x2(values, least, *weights, 0);
-            }
-        }
-        total_low += weights[0];
-        total_high += weights[1];
-        *list.next()? = [values[0], values[1], weights[0], weights[1]];
     }
-    *totals = [total_low, total_high];
-    Some(all - list.len())
+    Some(())
 }
 
-/// The smallest values at or below which lies half of the weight, searched for from
-/// `probes` on.
+/// Lists the taps of four pixels from `x` on that weigh; gives their number.
+#[inline(always)]
+fn list_taps<const CLEAR: bool>(
+    row: &WeightedMedianRow<'_>,
+    x: usize,
+    weights: &[u32],
+    origins: Halfwords,
+    list: &mut [Tap],
+) -> Option<usize> {
+    let count = row.tap_columns().len();
+    let mut listed = 0;
+    let rows = weights.chunks_exact(count.max(1)).zip(&row.values);
+    for (weights, values) in rows.take(row.rows) {
+        let pairs = pairs_from(values, x, count)?;
+        listed += list_row::<CLEAR>(pairs, weights, origins, list.get_mut(listed..)?)?;
+    }
+    Some(listed)
+}
+
+/// The same of a row, from pairs of its values, one more than taps.
 #[inline(never)]
-fn search(listed: &[Tap], mut probes: [u32; 2], totals: [u32; 2]) -> [u32; 2] {
+fn list_row<const CLEAR: bool>(
+    pairs: &[[i16; 2]],
+    weights: &[u32],
+    origins: Halfwords,
+    list: &mut [Tap],
+) -> Option<usize> {
+    let count = weights.len();
+    let (first, pairs) = pairs.split_first()?;
+    let (pairs, list) = (pairs.get(..count)?, list.get_mut(..count)?);
+    let mut before = pair_of(first);
+    let mut listed = 0;
+    for tap in 0..count {
+        let values = [before, pair_of(&pairs[tap])];
+        before = values[1];
+        let mut weights = weights[tap];
+        if !CLEAR {
+            let least = splat_u16((INVALID + 1).cast_unsigned());
+            let known = |values, byte| select_ge_i16x2(values, least, byte, 0);
+            weights &= known(values[0], splat_u16(0xff)) | known(values[1], splat_u16(0xff00));
+        }
+        let [a, b] =
+            from_fn(|word| saturate_to_u8x2(sub_saturating_i16x2(values[word], origins[word])));
+        // What weighs nothing is written over by the next: no branch.
+        *list.get_mut(listed)? = [a | b << 8, weights];
+        listed += usize::from(weights > 0);
+    }
+    Some(listed)
+}
+
+/// Sums of the weights.
+#[inline(never)]
+fn total(listed: &[Tap]) -> Halfwords {
+    let mut totals = [0; 2];
+    let mut add = |&[_, weights]: &Tap| {
+        totals[0] = add_even_bytes(totals[0], weights);
+        totals[1] = add_odd_bytes(totals[1], weights);
+    };
+    let (fours, rest) = listed.as_chunks::<4>();
+    fours.iter().flatten().for_each(&mut add);
+    rest.iter().for_each(add);
+    totals
+}
+
+/// Pairs from `x` on: four pixels from a tap on are two pairs from its own on.
+#[inline(always)]
+fn pairs_from<T>(row: &[T], x: usize, taps: usize) -> Option<&[[T; 2]]> {
+    row.get(x..)?.as_chunks().0.get(..taps + 1)
+}
+
+/// The smallest values at or below which lies half of the weight.
+#[inline(never)]
+fn search(listed: &[Tap], totals: Halfwords) -> u32 {
     // Half of the weights, rounded up.
     let halves = totals.map(|total| halve_sum_u16x2(total, splat_u16(1)));
-    let mut low = [splat_u16((INVALID + 1).cast_unsigned()); 2];
-    // A pixel without a disparity may be the first to look at.
-    for (probe, &low) in probes.iter_mut().zip(&low) {
-        *probe = max_i16x2(*probe, low);
-    }
-    let mut high = [splat_u16(i16::MAX.cast_unsigned()); 2];
-    let mut step = splat_u16(2);
+    let (mut low, mut high) = (0, splat_u8(u8::MAX));
+    let mut probes = splat_u8(OWN);
+    let mut step = splat_u8(2);
     loop {
-        let mut below = [0; 2];
-        let mut add = |tap: &Tap| {
-            for word in 0..2 {
-                below[word] += select_ge_i16x2(probes[word], tap[word], tap[2 + word], 0);
-            }
+        let (mut below_low, mut below_high) = (0, 0);
+        let mut add = |&[values, weights]: &Tap| {
+            let counted = select_ge_u8x4(probes, values, weights, 0);
+            below_low = add_even_bytes(below_low, counted);
+            below_high = add_odd_bytes(below_high, counted);
         };
-        let (fours, rest) = listed.as_chunks::<4>();
-        fours.iter().flatten().for_each(&mut add);
+        let (pairs, rest) = listed.as_chunks::<2>();
+        pairs.iter().flatten().for_each(&mut add);
         rest.iter().for_each(&mut add);
-        for word in 0..2 {
-            let (probe, enough) = (probes[word], |yes, no| {
-                select_ge_u16x2(below[word], halves[word], yes, no)
-            });
-            high[word] = enough(probe, high[word]);
-            // Never above the highest, which is enough.
-            let above = add_saturating_i16x2(probe, splat_u16(1));
-            low[word] = enough(low[word], above);
-            let middle = halve_sum_i16x2(low[word], high[word]);
-            let down = max_i16x2(middle, sub_saturating_i16x2(probe, step));
-            let up = min_i16x2(middle, add_saturating_i16x2(probe, step));
-            probes[word] = enough(down, up);
-        }
+        let is_enough = select_ge_u16x2(below_low, halves[0], splat_u16(0xff), 0)
+            | select_ge_u16x2(below_high, halves[1], splat_u16(0xff00), 0);
+        let enough = |yes, no| select_ge_u8x4(is_enough, splat_u8(u8::MAX), yes, no);
+        high = enough(probes, high);
+        // Never above the highest, which is enough.
+        low = enough(low, add_saturating_u8x4(probes, splat_u8(1)));
         if low == high {
             return low;
         }
-        step = add_saturating_i16x2(step, step);
+        let middle = halve_sum_u8x4(low, high);
+        let down = max_u8x4(middle, sub_saturating_u8x4(probes, step));
+        let up = min_u8x4(middle, add_saturating_u8x4(probes, step));
+        probes = enough(down, up);
+        step = add_saturating_u8x4(step, step);
     }
 }
 
 /// Four values, two to a word.
 #[inline(always)]
-fn words_of(values: &[i16; LANES]) -> [u32; 2] {
+fn words_of(values: &[i16; LANES]) -> Halfwords {
     let [a, b, c, d] = *values;
     [pair_of(&[a, b]), pair_of(&[c, d])]
 }

@@ -2,56 +2,41 @@
 
 use std::arch::x86_64::*;
 
-use vgstereo_core::matching::{MASK_LANES, MaskBlock};
+use vgstereo_core::matching::{MASK_LANES, MAX_CHANNELS, MaskBlock};
 use vgstereo_core::minchinton::CELLS_PER_BYTE;
 
 /// The same as core's `mask_block`, for blocks of [`MASK_LANES`] pixels.
 #[target_feature(enable = "avx2")]
 pub fn mask_block(block: &mut MaskBlock<'_>) {
-    let cells = block.differences.as_chunks_mut::<MASK_LANES>().0;
-    let Some(first) = cells.first() else { return };
-    let mut partner = load(first);
-    for cell in cells.iter_mut().rev() {
-        let own = load(cell);
-        store(cell, in_signed_order(_mm256_max_epu8(own, partner)));
-        partner = own;
+    match block.channels {
+        1 => compare::<1>(block),
+        _ => compare::<MAX_CHANNELS>(block),
     }
-    let cells = &*cells;
+    let cells = block.cells.as_chunks::<MASK_LANES>().0;
     let kept = _mm256_set1_epi16(block.kept.cast_signed());
-    let one = _mm256_set1_epi8(1);
-    let mut low = _mm256_set1_epi8(block.floor.cast_signed());
-    let mut high = _mm256_set1_epi8(-1);
-    let mut middle = low;
+    let mut thresholds = _mm256_set1_epi8(block.floor.cast_signed());
+    let mut excess = block.step.get();
     let counts = loop {
-        let counts = count_within(cells, middle);
+        let counts = count_within(cells, thresholds);
         // All ones where the threshold keeps enough.
         let [even, odd] = counts;
         let even = _mm256_cmpeq_epi16(_mm256_max_epu16(even, kept), even);
         let odd = _mm256_cmpeq_epi16(_mm256_max_epu16(odd, kept), odd);
         let is_enough = _mm256_blendv_epi8(even, odd, _mm256_set1_epi16(-256));
-        high = _mm256_blendv_epi8(high, middle, is_enough);
-        low = _mm256_blendv_epi8(_mm256_adds_epu8(middle, one), low, is_enough);
-        low = _mm256_min_epu8(low, high);
-        let is_done = _mm256_cmpeq_epi8(low, high);
-        if _mm256_movemask_epi8(is_done) == -1 {
-            // These are the counts unless a lane's threshold is an earlier one.
-            let at_last = _mm256_cmpeq_epi8(high, middle);
-            if _mm256_movemask_epi8(at_last) == -1 {
-                break counts;
-            }
-            break count_within(cells, high);
+        // Everything is within the highest.
+        if _mm256_movemask_epi8(is_enough) == -1 {
+            break counts;
         }
-        let width = _mm256_sub_epi8(high, low);
-        // Half of it, without what the shift brings in from the byte above.
-        let half = _mm256_and_si256(_mm256_srli_epi16(width, 1), _mm256_set1_epi8(0x7f));
-        middle = _mm256_add_epi8(low, half);
+        let higher = _mm256_set1_epi8(block.floor.saturating_add(excess).cast_signed());
+        thresholds = _mm256_blendv_epi8(higher, thresholds, is_enough);
+        excess = excess.saturating_mul(2);
     };
     let [even, odd] = [words(counts[0]), words(counts[1])];
     for ((pair, even), odd) in block.counts.as_chunks_mut().0.iter_mut().zip(even).zip(odd) {
         *pair = [even, odd];
     }
     let masks = block.masks.as_chunks_mut::<MASK_LANES>().0;
-    let threshold = in_signed_order(high);
+    let threshold = in_signed_order(thresholds);
     for (mask, cells) in masks.iter_mut().zip(cells.as_chunks::<CELLS_PER_BYTE>().0) {
         let mut bits = _mm256_setzero_si256();
         for cell in cells.iter().rev() {
@@ -60,6 +45,45 @@ pub fn mask_block(block: &mut MaskBlock<'_>) {
             bits = _mm256_sub_epi8(_mm256_add_epi8(bits, bits), beyond);
         }
         store(mask, _mm256_xor_si256(bits, _mm256_set1_epi8(-1)));
+    }
+}
+
+/// Writes the cells: the larger differences of two samples from their pixels, summed over
+/// the channels and at most 255, in signed order.
+#[target_feature(enable = "avx2")]
+#[inline]
+fn compare<const CHANNELS: usize>(block: &mut MaskBlock<'_>) {
+    let cells = block.cells.as_chunks_mut::<MASK_LANES>().0;
+    // Strips of one shape; said so that one check serves all.
+    let length = block.levels[..CHANNELS].iter().map(|levels| levels.len());
+    let length = length.min().unwrap_or(0);
+    let levels: [&[u8]; CHANNELS] = std::array::from_fn(|channel| &block.levels[channel][..length]);
+    let mut centres = [_mm256_setzero_si256(); CHANNELS];
+    for (centre, levels) in centres.iter_mut().zip(&levels) {
+        *centre = load_at(levels, block.centre);
+    }
+    let Some(&last) = block.starts.first() else {
+        return;
+    };
+    // A synapse's partner is the next; that of the last is the first.
+    let mut partner = _mm256_setzero_si256();
+    let synapses = cells.iter_mut().zip(block.starts);
+    let ends = [(None, last)].into_iter();
+    for (cell, start) in ends.chain(synapses.map(|(cell, &start)| (Some(cell), start)).rev()) {
+        let mut own = _mm256_setzero_si256();
+        for (centre, levels) in centres.iter().zip(&levels) {
+            let samples = load_at(levels, start as usize + block.first);
+            // One of the two is 0.
+            let difference = _mm256_or_si256(
+                _mm256_subs_epu8(*centre, samples),
+                _mm256_subs_epu8(samples, *centre),
+            );
+            own = _mm256_adds_epu8(own, difference);
+        }
+        if let Some(cell) = cell {
+            store(cell, in_signed_order(_mm256_max_epu8(own, partner)));
+        }
+        partner = own;
     }
 }
 
@@ -97,6 +121,14 @@ fn count_within(cells: &[[u8; MASK_LANES]], thresholds: __m256i) -> [__m256i; 2]
 #[inline]
 fn in_signed_order(bytes: __m256i) -> __m256i {
     _mm256_xor_si256(bytes, _mm256_set1_epi8(i8::MIN))
+}
+
+/// The pixels from `start` on; beyond the levels, black.
+#[target_feature(enable = "avx2")]
+#[inline]
+fn load_at(levels: &[u8], start: usize) -> __m256i {
+    let run = levels.get(start..).and_then(|levels| levels.first_chunk());
+    run.map_or(_mm256_setzero_si256(), |run| load(run))
 }
 
 #[target_feature(enable = "avx2")]

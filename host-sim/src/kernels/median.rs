@@ -4,7 +4,7 @@
 //! beside the registers' own operations.
 
 /// Taps that have room here: the most that a configuration may ask for.
-pub const MAX_TAPS: usize = 363;
+pub const MAX_TAPS: usize = 217;
 
 /// A tap of `LANES` centres side by side. No load of it straddles two cache lines.
 #[derive(Clone, Copy)]
@@ -35,8 +35,7 @@ macro_rules! median_in_registers {
             output: &mut [i16],
         ) {
             let width = output.len();
-            let taps = (0..row.rows).map(|index| row.tap_columns(index).count());
-            let taps: usize = taps.sum();
+            let taps = row.rows * row.tap_columns().len();
             if width < LANES || taps > MAX_TAPS || taps > row.places.len() || row.window_width == 0
             {
                 refine::weighted_median_row(row, weights, output);
@@ -75,7 +74,6 @@ macro_rules! median_in_registers {
             let mut count = 0;
             let mut places = row.places.iter();
             for index in 0..row.rows {
-                let run = run.start + row.first_tap(index)..run.end;
                 let values = row.values[index][run.clone()].windows(LANES);
                 let levels =
                     |channel: usize| row.levels[channel][index][run.clone()].windows(LANES);
