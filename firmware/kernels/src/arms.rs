@@ -31,12 +31,18 @@ fn arms_of<const CHANNELS: usize>(levels: [&[u8]; CHANNELS], row: &ArmsRow<'_>, 
         let x = block * LANES;
         // Blocks near the ends are looked at pixel by pixel.
         let left = if x >= reach && x + LANES <= width {
-            steps.reach(levels, x, reach, |distance| x - distance)
+            steps.reach(levels, x, |levels| {
+                let before = levels.get(x - reach..x + LANES - 1).unwrap_or_default();
+                before.array_windows().rev()
+            })
         } else {
             steps.reach_at_end(levels, x, |x| reach.min(x), |x, distance| x - distance)
         };
         let right = if x + reach + LANES <= width {
-            steps.reach(levels, x, reach, |distance| x + distance)
+            steps.reach(levels, x, |levels| {
+                let after = levels.get(x + 1..x + reach + LANES).unwrap_or_default();
+                after.array_windows()
+            })
         } else {
             let most = |x: usize| reach.min(width.saturating_sub(x + 1));
             steps.reach_at_end(levels, x, most, |x, distance| x + distance)
@@ -68,31 +74,35 @@ impl Steps {
         }
     }
 
-    /// How far four pixels from `x` on reach.
+    /// How far four pixels from `x` on reach, along those of each channel that `path` gives
+    /// one after another.
     #[inline(always)]
-    fn reach<const CHANNELS: usize>(
+    fn reach<'a, const CHANNELS: usize, I: Iterator<Item = &'a [u8; LANES]>>(
         &self,
-        levels: [&[u8]; CHANNELS],
+        levels: [&'a [u8]; CHANNELS],
         x: usize,
-        most: usize,
-        place: impl Fn(usize) -> usize,
+        path: impl Fn(&'a [u8]) -> I,
     ) -> u32 {
-        let four = |levels: &[u8], at: usize| {
-            let run = levels.get(at..).and_then(|run| run.first_chunk());
+        let centres = levels.map(|levels| {
+            let run = levels.get(x..).and_then(|run| run.first_chunk());
             run.map_or(0, load)
-        };
-        let centres = levels.map(|levels| four(levels, x));
+        });
+        let mut paths = levels.map(path);
         let (mut goes_on, mut count) = (splat_u8(1), 0);
-        for distance in 1..=most {
-            let step = self.at(distance);
-            for (levels, centre) in levels.iter().zip(centres) {
-                let difference = distance_u8x4(centre, four(levels, place(distance)));
-                goes_on = select_ge_u8x4(step, difference, goes_on, 0);
+        for (step, most) in [(self.near, self.half), (self.far, usize::MAX)] {
+            for _ in 0..most {
+                for (path, centre) in paths.iter_mut().zip(centres) {
+                    let Some(four) = path.next() else {
+                        return count;
+                    };
+                    let difference = distance_u8x4(centre, load(four));
+                    goes_on = select_ge_u8x4(step, difference, goes_on, 0);
+                }
+                if goes_on == 0 {
+                    return count;
+                }
+                count += goes_on;
             }
-            if goes_on == 0 {
-                break;
-            }
-            count += goes_on;
         }
         count
     }
