@@ -289,8 +289,14 @@ fn costs(
     let cells = bytes * CELLS_PER_BYTE;
     // As bounded where they are made: see `CostRun::cell_costs_q8`.
     let cell_cost_max = ((1 << 16) - 129) / cells;
+    // Often whole, as they are where all cells count.
+    let whole = if below(&mut random, 2) == 0 {
+        !0
+    } else {
+        !0xff
+    };
     let cell_costs_q8: Vec<_> = (0..width)
-        .map(|_| below(&mut random, cell_cost_max + 1) as u16)
+        .map(|_| below(&mut random, cell_cost_max + 1) as u16 & whole)
         .collect();
     let masked = below(&mut random, 3) > 0;
     let mut rows = |count: usize| -> Vec<Vec<u8>> {
@@ -303,7 +309,7 @@ fn costs(
         other.iter().map(row).collect()
     };
     let (low, high) = (moved(u8::saturating_sub), moved(u8::saturating_add));
-    let hamming_truncation = random.next_u32() as u8;
+    let hamming_truncation = (random.next_u32() as u8) >> below(&mut random, 4);
     let difference_truncation = (random.next_u32() as u8) >> below(&mut random, 5);
     // Both terms together fit 8 bits.
     let rest = usize::from(u8::MAX - hamming_truncation) * 16;
@@ -444,7 +450,7 @@ proptest! {
     fn costs_are_alike(
         width in 1_usize..40,
         disparities in prop_oneof![1_usize..=64, 1_usize..=200, Just(64), Just(128)],
-        bytes in prop_oneof![1_usize..=8, Just(32), Just(64)],
+        bytes in prop_oneof![1_usize..=8, Just(4), Just(6), Just(8), Just(32), Just(64)],
         channels in prop_oneof![Just(1_usize), Just(3)],
         seed in any::<u64>(),
     ) {

@@ -7,10 +7,10 @@
 use core::array::from_fn;
 
 use vgstereo_core::matching::{CostRun, NO_COST, cost_run as portable, cost_stride};
-use vgstereo_core::minchinton::Planes;
+use vgstereo_core::minchinton::{CELLS_PER_BYTE, Planes};
 
 use crate::simd::{
-    add_saturating_u8x4, even_bytes, load, min_u8x4, odd_bytes, opaque, splat_u8, splat_u16, store,
+    even_bytes, halve_difference_u8x4, load, odd_bytes, opaque, splat_u8, splat_u16, store,
     sub_saturating_u8x4,
 };
 
@@ -30,8 +30,16 @@ const BLOCK: usize = 8;
 pub fn cost_run(run: &CostRun<'_>, costs: &mut [u8]) {
     let fits = (1..=MAX_STRIDE).contains(&run.disparities);
     let weighing = Weighing::new(run).filter(|_| fits);
+    let are_whole = || {
+        let most = u8::MAX as usize / (run.inputs.count * CELLS_PER_BYTE).max(1);
+        let mut costs_q8 = run.cell_costs_q8.iter().map(|&cost| usize::from(cost));
+        costs_q8.all(|cost| cost.is_multiple_of(256) && cost / 256 <= most)
+    };
     match (run.inputs.count, run.masks.count, &weighing) {
-        (4, 0, Some(weighing)) => cost_pixels::<4, 6, { tile(6) }, false>(run, weighing, costs),
+        (4, 0, Some(weighing)) if are_whole() => {
+            cost_pixels::<4, 6, { tile(6) }, false>(run, weighing, costs);
+        }
+        (6, 6, Some(weighing)) => cost_pixels::<6, 8, { tile(8) }, true>(run, weighing, costs),
         (8, 8, Some(weighing)) => cost_pixels::<8, 10, { tile(10) }, true>(run, weighing, costs),
         _ => portable(run, costs),
     }
@@ -43,7 +51,7 @@ const fn tile(rows: usize) -> usize {
 }
 
 /// The same for patterns of `BYTES` bytes. There are two more rows, of the levels; `TILE` is
-/// the [`tile`] of all of them.
+/// the [`tile`] of all of them. Without masks all cells count, and a cell's cost is whole.
 #[inline(never)]
 fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const MASKED: bool>(
     run: &CostRun<'_>,
@@ -76,7 +84,7 @@ fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const M
             let pixel = |plane: &[u8; PIXELS]| splat_u8(plane[x % PIXELS]);
             let input: [u32; BYTES] = from_fn(|byte| pixel(&inputs[byte]));
             let mask: [u32; BYTES] = from_fn(|byte| pixel(&masks[byte]));
-            let (level, scale) = (splat_u8(level), u32::from(cell_cost));
+            let (level, cell_cost) = (splat_u8(level), u32::from(cell_cost));
             let mut at = run.first_position - (first + x) - lowest;
             for block in costs.as_chunks_mut::<BLOCK>().0 {
                 // The bound is above all positions that there are.
@@ -99,9 +107,13 @@ fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const M
                 });
                 let [low, high] = [pair(BYTES), pair(BYTES + 1)];
                 for (word, costs) in block.as_chunks_mut().0.iter_mut().enumerate() {
-                    let cells = weighing.cells(counts[word % 2], scale);
-                    let levels = weighing.levels(level, low[word % 2], high[word % 2]);
-                    store(add_saturating_u8x4(cells, levels), costs);
+                    let cells = if MASKED {
+                        rounded(counts[word % 2], cell_cost)
+                    } else {
+                        counts[word % 2] * (cell_cost >> 8)
+                    };
+                    let levels = [low[word % 2], high[word % 2]];
+                    store(weighing.cost(cells, level, levels), costs);
                 }
                 at += BLOCK;
             }
@@ -142,50 +154,54 @@ fn copy(row: &[u8], first: usize, count: usize, to: &mut [u8]) {
     }
 }
 
-/// What turns counts and differences into costs, for all bytes of a register.
+/// What turns the terms of a cost into the cost, for all bytes of a register.
 struct Weighing {
     hamming_truncation: u32,
     difference_truncation: u32,
-    /// A weight is a factor and a power of two that divides.
-    factor: u32,
-    shift: u32,
-    shifted_mask: u32,
+    /// Twice the cost of a difference of one level.
+    weight: u32,
+    /// Twice the largest cost.
+    largest: u32,
 }
 
 impl Weighing {
-    /// Where levels have one channel and products of the factor fit a byte.
+    /// Where levels have one channel, their weight is in halves, and twice the largest cost
+    /// fits a byte.
     fn new(run: &CostRun<'_>) -> Option<Self> {
-        let weight = u32::from(run.difference_weight_q4);
-        let zeros = weight.trailing_zeros().min(4);
-        let factor = weight >> zeros;
-        let product = factor * u32::from(run.difference_truncation);
-        (run.channels == 1 && weight > 0 && product <= 255).then(|| Self {
+        let weight = run.difference_weight_q4 / 8;
+        let levels = weight.checked_mul(run.difference_truncation)?;
+        let largest = run.hamming_truncation.checked_mul(2)?.checked_add(levels)?;
+        let is_halves = weight > 0 && run.difference_weight_q4.is_multiple_of(8);
+        (run.channels == 1 && is_halves).then(|| Self {
             hamming_truncation: splat_u8(run.hamming_truncation),
             difference_truncation: splat_u8(run.difference_truncation),
-            factor,
-            shift: 4 - zeros,
-            shifted_mask: splat_u8(u8::MAX >> (4 - zeros)),
+            weight: weight.into(),
+            largest: splat_u8(largest),
         })
     }
 
-    /// Costs of so many cells that differ.
+    /// Costs of what the cells cost, before truncation, and of a level that differs from
+    /// others, less and more their dead zone.
     #[inline(always)]
-    fn cells(&self, counts: u32, scale_q8: u32) -> u32 {
-        // With the rounding, each product is less than 2^16.
-        let (counts, rounding) = (opaque(counts), splat_u16(128));
-        let even = even_bytes(counts) * scale_q8 + rounding;
-        let odd = odd_bytes(counts) * scale_q8 + rounding;
-        min_u8x4(odd_bytes(even) | odd & 0xff00_ff00, self.hamming_truncation)
-    }
-
-    /// Costs of a level that differs from others, dead zone included.
-    #[inline(always)]
-    fn levels(&self, level: u32, low: u32, high: u32) -> u32 {
+    fn cost(&self, cells: u32, level: u32, [low, high]: [u32; 2]) -> u32 {
+        // Both terms as what is missing up to their truncation: that needs no minimum.
+        let cells = sub_saturating_u8x4(self.hamming_truncation, cells);
         // One of the two is 0.
         let difference = sub_saturating_u8x4(level, high) | sub_saturating_u8x4(low, level);
-        let difference = min_u8x4(difference, self.difference_truncation);
-        (difference * self.factor) >> self.shift & self.shifted_mask
+        let levels = sub_saturating_u8x4(self.difference_truncation, difference) * self.weight;
+        // Halves are rounded down, as the cost of levels is.
+        halve_difference_u8x4(self.largest, levels).wrapping_sub(cells)
     }
+}
+
+/// The costs of so many cells.
+#[inline(always)]
+fn rounded(counts: u32, cost_q8: u32) -> u32 {
+    // With the rounding, each product is less than 2^16.
+    let (counts, rounding) = (opaque(counts), splat_u16(128));
+    let even = even_bytes(counts) * cost_q8 + rounding;
+    let odd = odd_bytes(counts) * cost_q8 + rounding;
+    odd_bytes(even) | odd & 0xff00_ff00
 }
 
 /// Counts the bits of each byte over `BYTES` words, of two sets of words.
@@ -196,8 +212,19 @@ fn count<const BYTES: usize>(words: impl Fn(usize) -> [u32; 2]) -> [u32; 2] {
             let (ones, twos) = add(words(0), words(1), words(2));
             let last = words(3);
             from_fn(|i| {
-                bytes_of(nibbles(ones[i]) + 2 * nibbles(twos[i]))
-                    + bytes_of(opaque(nibbles(last[i])))
+                // At most 8 in two nibbles of twos.
+                let twos = nibbles(twos[i]);
+                let twos = (twos + (opaque(twos) >> 4)) & 0x0f0f_0f0f;
+                bytes_of(nibbles(ones[i]) + nibbles(last[i])) + 2 * twos
+            })
+        }
+        6 => {
+            let (ones, twos_a) = add(words(0), words(1), words(2));
+            let (ones, twos_b) = add(ones, words(3), words(4));
+            let last = words(5);
+            from_fn(|i| {
+                bytes_of(nibbles(ones[i]) + nibbles(last[i]))
+                    + 2 * bytes_of(nibbles(twos_a[i]) + nibbles(twos_b[i]))
             })
         }
         8 => {
