@@ -18,7 +18,7 @@ use crate::simd::{
 const MAX_STRIDE: usize = 64;
 
 /// Pixels that are copied at a time.
-const PIXELS: usize = 32;
+const PIXELS: usize = 64;
 
 /// Positions that these pixels' disparities reach, to a power of two, and a block.
 const POSITIONS: usize = (PIXELS + MAX_STRIDE).next_power_of_two() + BLOCK;
@@ -30,10 +30,11 @@ const BLOCK: usize = 8;
 pub fn cost_run(run: &CostRun<'_>, costs: &mut [u8]) {
     let fits = (1..=MAX_STRIDE).contains(&run.disparities);
     let weighing = Weighing::new(run).filter(|_| fits);
+    // Whole costs of cells, of which all together cost no more than a byte holds.
     let are_whole = || {
-        let most = u8::MAX as usize / (run.inputs.count * CELLS_PER_BYTE).max(1);
-        let mut costs_q8 = run.cell_costs_q8.iter().map(|&cost| usize::from(cost));
-        costs_q8.all(|cost| cost.is_multiple_of(256) && cost / 256 <= most)
+        let bits = run.cell_costs_q8.iter().fold(0, |bits, &cost| bits | cost);
+        bits.is_multiple_of(256)
+            && usize::from(bits / 256) * run.inputs.count * CELLS_PER_BYTE <= u8::MAX.into()
     };
     match (run.inputs.count, run.masks.count, &weighing) {
         (4, 0, Some(weighing)) if are_whole() => {
