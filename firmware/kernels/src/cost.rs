@@ -10,8 +10,8 @@ use vgstereo_core::matching::{CostRun, NO_COST, cost_run as portable, cost_strid
 use vgstereo_core::minchinton::{CELLS_PER_BYTE, Planes};
 
 use crate::simd::{
-    even_bytes, halve_difference_u8x4, load, odd_bytes, opaque, splat_u8, splat_u16, store,
-    sub_saturating_u8x4,
+    even_bytes, halve_difference_u8x4, in_order, load, odd_bytes, opaque, splat_u8, splat_u16,
+    store, sub_saturating_u8x4,
 };
 
 /// Most disparities, rounded up.
@@ -94,27 +94,19 @@ fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const M
                 let Some(tile) = tile.and_then(<[u8]>::first_chunk::<TILE>) else {
                     break;
                 };
-                let pair = |row: usize| [0, 4].map(|lane| load_at(tile, row * POSITIONS + lane));
-                let counts = count::<BYTES>(|byte| {
-                    let (input, mask) = (input[byte], mask[byte]);
-                    let differ = |stored| {
-                        if MASKED {
-                            (stored ^ input) & mask
-                        } else {
-                            stored ^ input
-                        }
-                    };
-                    pair(byte).map(differ)
-                });
-                let [low, high] = [pair(BYTES), pair(BYTES + 1)];
                 for (word, costs) in block.as_chunks_mut().0.iter_mut().enumerate() {
+                    let load = |row: usize| load_at(tile, row * POSITIONS + word % 2 * 4);
+                    let count = count::<BYTES>(|byte| {
+                        let differ = load(byte) ^ input[byte];
+                        if MASKED { differ & mask[byte] } else { differ }
+                    });
                     let cells = if MASKED {
-                        rounded(counts[word % 2], cell_cost)
+                        rounded(count, cell_cost)
                     } else {
-                        counts[word % 2] * (cell_cost >> 8)
+                        count * (cell_cost >> 8)
                     };
-                    let levels = [low[word % 2], high[word % 2]];
-                    store(weighing.cost(cells, level, levels), costs);
+                    let levels = [load(BYTES), load(BYTES + 1)];
+                    store(in_order(weighing.cost(cells, level, levels)), costs);
                 }
                 at += BLOCK;
             }
@@ -205,49 +197,39 @@ fn rounded(counts: u32, cost_q8: u32) -> u32 {
     odd_bytes(even) | odd & 0xff00_ff00
 }
 
-/// Counts the bits of each byte over `BYTES` words, of two sets of words.
+/// Counts the bits of each byte over `BYTES` words.
 #[inline(always)]
-fn count<const BYTES: usize>(words: impl Fn(usize) -> [u32; 2]) -> [u32; 2] {
+fn count<const BYTES: usize>(word: impl Fn(usize) -> u32) -> u32 {
     match BYTES {
         4 => {
-            let (ones, twos) = add(words(0), words(1), words(2));
-            let last = words(3);
-            from_fn(|i| {
-                // At most 8 in two nibbles of twos.
-                let twos = nibbles(twos[i]);
-                let twos = (twos + (opaque(twos) >> 4)) & 0x0f0f_0f0f;
-                bytes_of(nibbles(ones[i]) + nibbles(last[i])) + 2 * twos
-            })
+            let (ones, twos) = add(word(0), word(1), word(2));
+            // At most 8 in two nibbles of twos.
+            let twos = nibbles(twos);
+            let twos = (twos + (opaque(twos) >> 4)) & 0x0f0f_0f0f;
+            bytes_of(nibbles(ones) + nibbles(word(3))) + 2 * twos
         }
         6 => {
-            let (ones, twos_a) = add(words(0), words(1), words(2));
-            let (ones, twos_b) = add(ones, words(3), words(4));
-            let last = words(5);
-            from_fn(|i| {
-                bytes_of(nibbles(ones[i]) + nibbles(last[i]))
-                    + 2 * bytes_of(nibbles(twos_a[i]) + nibbles(twos_b[i]))
-            })
+            let (ones, twos_a) = add(word(0), word(1), word(2));
+            let (ones, twos_b) = add(ones, word(3), word(4));
+            bytes_of(nibbles(ones) + nibbles(word(5)))
+                + 2 * bytes_of(nibbles(twos_a) + nibbles(twos_b))
         }
         8 => {
-            let (ones, twos_a) = add(words(0), words(1), words(2));
-            let (ones, twos_b) = add(ones, words(3), words(4));
-            let (ones, twos_c) = add(ones, words(5), words(6));
+            let (ones, twos_a) = add(word(0), word(1), word(2));
+            let (ones, twos_b) = add(ones, word(3), word(4));
+            let (ones, twos_c) = add(ones, word(5), word(6));
             let (twos, fours) = add(twos_a, twos_b, twos_c);
-            let last = words(7);
-            from_fn(|i| {
-                bytes_of(nibbles(ones[i]) + nibbles(last[i]))
-                    + 2 * bytes_of(nibbles(twos[i]) + 2 * nibbles(fours[i]))
-            })
+            bytes_of(nibbles(ones) + nibbles(word(7)))
+                + 2 * bytes_of(nibbles(twos) + 2 * nibbles(fours))
         }
-        _ => [0; 2],
+        _ => 0,
     }
 }
 
 /// Adds three bits in every place: the sum's two bits.
 #[inline(always)]
-fn add(a: [u32; 2], b: [u32; 2], c: [u32; 2]) -> ([u32; 2], [u32; 2]) {
-    let ones = from_fn(|i| a[i] ^ b[i] ^ c[i]);
-    (ones, from_fn(|i| a[i] & b[i] | (a[i] ^ b[i]) & c[i]))
+fn add(a: u32, b: u32, c: u32) -> (u32, u32) {
+    (a ^ b ^ c, a & b | (a ^ b) & c)
 }
 
 /// Bits of every four.

@@ -234,6 +234,27 @@ pub fn opaque(word: u32) -> u32 {
     }
 }
 
+/// The same word, between what is loaded and stored before and after it: no instruction.
+/// Else a compiler loads early, and spills registers for it.
+#[inline(always)]
+#[must_use]
+pub fn in_order(word: u32) -> u32 {
+    #[cfg(dsp_extension)]
+    {
+        let mut word = word;
+        // SAFETY: there is no instruction. Not pure, and so not moved past memory accesses.
+        unsafe {
+            core::arch::asm!("/* {} */", inout(reg) word,
+                options(nomem, nostack, preserves_flags));
+        }
+        word
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        word
+    }
+}
+
 /// The smaller bytes.
 #[inline(always)]
 #[must_use]
