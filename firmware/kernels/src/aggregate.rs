@@ -10,7 +10,7 @@ use vgstereo_core::matching::NO_DISTANCE;
 
 use crate::simd::{
     add_even_bytes, add_odd_bytes, add_saturating_u8x4, even_bytes, in_order, load, min_u8x4,
-    min_u16x2, odd_bytes, opaque, splat_u8, splat_u16, store, sub_saturating_u8x4,
+    min_u16x2, odd_bytes, opaque, splat_u8, splat_u16, store, sub_saturating_u8x4, unrolled,
 };
 
 /// Most disparities, rounded up.
@@ -135,7 +135,7 @@ impl Path {
     #[inline(always)]
     fn set<const QUADS: usize>(&mut self, path: &[Quad; QUADS]) -> u32 {
         let mut least = u32::MAX;
-        for_each::<QUADS>(|index| {
+        unrolled::<QUADS>(|index| {
             let costs = quad(path, index);
             least = in_order(if index == 0 {
                 costs
@@ -161,16 +161,6 @@ impl Path {
         let costs = self.0.as_flattened().get(start..);
         costs.and_then(<[u8]>::first_chunk).map_or(0, load)
     }
-}
-
-/// Calls `body` with 0 to `QUADS - 1`, without a loop: every index is a constant.
-#[inline(always)]
-fn for_each<const QUADS: usize>(mut body: impl FnMut(usize)) {
-    const { assert!(4 * QUADS <= MAX_STRIDE) };
-    macro_rules! unroll {
-        ($($index:literal)*) => { $(if $index < QUADS { body($index); })* };
-    }
-    unroll!(0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15);
 }
 
 #[inline(always)]
@@ -213,7 +203,7 @@ fn advance<const QUADS: usize>(
     let p2 = splat_u8(p2);
     // No path cost is below the least, and with the penalty that fits a byte.
     let ceiling = add_saturating_u8x4(least, p2);
-    for_each::<QUADS>(|index| {
+    unrolled::<QUADS>(|index| {
         let neighbour = min_u8x4(previous.load(index, -1), previous.load(index, 1));
         let neighbour = add_saturating_u8x4(neighbour, p1);
         let reached = min_u8x4(previous.load(index, 0), neighbour);
@@ -281,7 +271,7 @@ impl<'a> Others<'a> {
             return 0;
         };
         let mut best = u32::MAX;
-        for_each::<QUADS>(|index| {
+        unrolled::<QUADS>(|index| {
             let [left, right, above] = paths.map(|path| quad(path, index));
             // Of disparities 0 and 2 of the quad.
             let indices = splat_u16(4 * index as u16) + (2 << 16);

@@ -11,7 +11,7 @@ use vgstereo_core::minchinton::{CELLS_PER_BYTE, Planes};
 
 use crate::simd::{
     even_bytes, halve_difference_u8x4, in_order, load, odd_bytes, opaque, splat_u8, splat_u16,
-    store, sub_saturating_u8x4,
+    store, sub_saturating_u8x4, unrolled,
 };
 
 /// Most disparities, rounded up.
@@ -24,7 +24,7 @@ const PIXELS: usize = 64;
 const POSITIONS: usize = (PIXELS + MAX_STRIDE).next_power_of_two() + BLOCK;
 
 /// Disparities that share what is loaded of a pixel.
-const BLOCK: usize = 8;
+const BLOCK: usize = 16;
 
 /// Writes the costs of every pixel of the run.
 pub fn cost_run(run: &CostRun<'_>, costs: &mut [u8]) {
@@ -94,8 +94,9 @@ fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const M
                 let Some(tile) = tile.and_then(<[u8]>::first_chunk::<TILE>) else {
                     break;
                 };
-                for (word, costs) in block.as_chunks_mut().0.iter_mut().enumerate() {
-                    let load = |row: usize| load_at(tile, row * POSITIONS + word % 2 * 4);
+                let block = block.as_chunks_mut().0;
+                unrolled::<{ BLOCK / 4 }>(|word| {
+                    let load = |row: usize| load_at(tile, row * POSITIONS + 4 * word);
                     let count = count::<BYTES>(|byte| {
                         let differ = load(byte) ^ input[byte];
                         if MASKED { differ & mask[byte] } else { differ }
@@ -106,8 +107,11 @@ fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const M
                         count * (cell_cost >> 8)
                     };
                     let levels = [load(BYTES), load(BYTES + 1)];
-                    store(in_order(weighing.cost(cells, level, levels)), costs);
-                }
+                    let cost = in_order(weighing.cost(cells, level, levels));
+                    if let Some(costs) = block.get_mut(word) {
+                        store(cost, costs);
+                    }
+                });
                 at += BLOCK;
             }
             if run.disparities < stride
@@ -205,7 +209,7 @@ fn count<const BYTES: usize>(word: impl Fn(usize) -> u32) -> u32 {
             let (ones, twos) = add(word(0), word(1), word(2));
             // At most 8 in two nibbles of twos.
             let twos = nibbles(twos);
-            let twos = (twos + (opaque(twos) >> 4)) & 0x0f0f_0f0f;
+            let twos = (twos + (twos >> 4)) & 0x0f0f_0f0f;
             bytes_of(nibbles(ones) + nibbles(word(3))) + 2 * twos
         }
         6 => {

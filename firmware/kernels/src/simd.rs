@@ -323,6 +323,16 @@ pub fn odd_bytes(a: u32) -> u32 {
     a >> 8 & 0x00ff_00ff
 }
 
+/// Calls `body` with 0 to `COUNT - 1`, at most 15, without a loop: every index is a constant.
+#[inline(always)]
+pub fn unrolled<const COUNT: usize>(mut body: impl FnMut(usize)) {
+    const { assert!(COUNT <= 16) };
+    macro_rules! unroll {
+        ($($index:literal)*) => { $(if $index < COUNT { body($index); })* };
+    }
+    unroll!(0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15);
+}
+
 /// Four times a byte.
 #[inline(always)]
 #[must_use]
