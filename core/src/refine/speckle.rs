@@ -134,10 +134,12 @@ impl Search<'_> {
     /// no disparity.
     #[inline(always)]
     fn run_length<'v>(&self, mut values: impl Iterator<Item = &'v i16>) -> usize {
-        let Some(&(mut before)) = values.next().filter(|&&first| first != INVALID) else {
+        let Some(&first) = values.next().filter(|&&first| first != INVALID) else {
             return 0;
         };
+        let mut before = disparity(first);
         let connected = values.take_while(|&&value| {
+            let value = disparity(value);
             let is_connected = self.are_connected(before, value);
             before = value;
             is_connected
@@ -145,11 +147,10 @@ impl Search<'_> {
         1 + connected.count()
     }
 
-    /// Whether neighbours, of which the first has a disparity, belong to one region.
+    /// Whether neighbours, one of which has a disparity, belong to one region.
     #[inline(always)]
-    fn are_connected(&self, a: i16, b: i16) -> bool {
-        let difference = i32::from(disparity(a)) - i32::from(disparity(b));
-        b != INVALID && (-self.step_q4..=self.step_q4).contains(&difference)
+    fn are_connected(&self, a: i32, b: i32) -> bool {
+        (a - b + self.step_q4).cast_unsigned() <= 2 * self.step_q4.cast_unsigned()
     }
 
     /// Whether the region of a run is too small within the window.
@@ -184,7 +185,7 @@ impl Search<'_> {
                 return;
             };
             column += 1;
-            if self.are_connected(value, neighbour) {
+            if self.are_connected(disparity(value), disparity(neighbour)) {
                 // No more than is enough.
                 let after = self.run_length(from.iter().take(self.enough));
                 let before = core::iter::once(&neighbour).chain(up_to.iter().rev());
@@ -211,9 +212,16 @@ impl Search<'_> {
     }
 }
 
-/// A disparity that holds or is in doubt, 1/16 px.
-fn disparity(value: i16) -> i16 {
-    if value < 0 { !value } else { value }
+/// A disparity that holds or is in doubt, 1/16 px; where there is none, one that is far from
+/// all others.
+#[inline(always)]
+fn disparity(value: i16) -> i32 {
+    let value = i32::from(value);
+    if value == INVALID.into() {
+        1 << 20
+    } else {
+        value ^ (value >> 31)
+    }
 }
 
 #[cfg(test)]

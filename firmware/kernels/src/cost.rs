@@ -147,7 +147,15 @@ fn copy(row: &[u8], first: usize, count: usize, to: &mut [u8]) {
     if let Some(run) = row.get(first..first + count)
         && let Some(to) = to.get_mut(..count)
     {
-        to.copy_from_slice(run);
+        // Words at once: a call to copy memory would take longer.
+        let (run, run_rest) = run.as_chunks();
+        let (to, to_rest) = to.as_chunks_mut();
+        for (to, from) in to.iter_mut().zip(run) {
+            store(opaque(load(from)), to);
+        }
+        for (to, from) in to_rest.iter_mut().zip(run_rest) {
+            *to = *from;
+        }
     }
 }
 
