@@ -53,10 +53,6 @@ instruction! {
     sub_saturating_u16x2, "uqsub16", |a, b| halfwords(a, b, u16::saturating_sub)
 }
 instruction! {
-    /// Sums of halfwords, at most 65535.
-    add_saturating_u16x2, "uqadd16", |a, b| halfwords(a, b, u16::saturating_add)
-}
-instruction! {
     /// Sums of signed halfwords, at most 32767.
     add_saturating_i16x2, "qadd16", |a, b| signed_halfwords(a, b, i16::saturating_add)
 }
@@ -103,114 +99,50 @@ pub fn add_odd_bytes(a: u32, b: u32) -> u32 {
     }
 }
 
-/// Where a byte of `a` is at least that of `b` the byte of `yes`, elsewhere that of `no`.
-#[inline(always)]
-#[must_use]
-pub fn select_ge_u8x4(a: u32, b: u32, yes: u32, no: u32) -> u32 {
-    #[cfg(dsp_extension)]
-    {
-        let result;
-        // SAFETY: the instructions work on registers and the flags that they set alone.
-        unsafe {
-            core::arch::asm!(
-                "usub8 {result}, {a}, {b}",
-                "sel {result}, {yes}, {no}",
-                result = out(reg) result,
-                a = in(reg) a, b = in(reg) b, yes = in(reg) yes, no = in(reg) no,
-                options(pure, nomem, nostack),
-            );
-        }
-        result
-    }
-    #[cfg(not(dsp_extension))]
-    {
-        let mask = bytes(a, b, |a, b| if a >= b { u8::MAX } else { 0 });
-        yes & mask | no & !mask
-    }
-}
-
-/// The same of signed halfwords.
-#[inline(always)]
-#[must_use]
-pub fn select_ge_i16x2(a: u32, b: u32, yes: u32, no: u32) -> u32 {
-    #[cfg(dsp_extension)]
-    {
-        let result;
-        // SAFETY: the instructions work on registers and the flags that they set alone.
-        unsafe {
-            core::arch::asm!(
-                "ssub16 {result}, {a}, {b}",
-                "sel {result}, {yes}, {no}",
-                result = out(reg) result,
-                a = in(reg) a, b = in(reg) b, yes = in(reg) yes, no = in(reg) no,
-                options(pure, nomem, nostack),
-            );
-        }
-        result
-    }
-    #[cfg(not(dsp_extension))]
-    {
-        let at_least = |a: u16, b: u16| {
-            if a.cast_signed() >= b.cast_signed() {
-                u16::MAX
-            } else {
-                0
+/// Evaluates a comparison that sets the flags of all lanes, and a selection by these flags; on
+/// other targets plain code, which gives all bits of a lane or none.
+macro_rules! selection {
+    ($(#[$doc:meta])* $name:ident, $text:literal, $plain:expr) => {
+        $(#[$doc])*
+        #[inline(always)]
+        #[must_use]
+        pub fn $name(a: u32, b: u32, yes: u32, no: u32) -> u32 {
+            #[cfg(dsp_extension)]
+            {
+                let result;
+                // SAFETY: the instructions work on registers and the flags that they set alone.
+                unsafe {
+                    core::arch::asm!(
+                        concat!($text, " {result}, {a}, {b}"),
+                        "sel {result}, {yes}, {no}",
+                        result = out(reg) result,
+                        a = in(reg) a, b = in(reg) b, yes = in(reg) yes, no = in(reg) no,
+                        options(pure, nomem, nostack),
+                    );
+                }
+                result
             }
-        };
-        let mask = halfwords(a, b, at_least);
-        yes & mask | no & !mask
-    }
+            #[cfg(not(dsp_extension))]
+            {
+                let mask = $plain(a, b);
+                yes & mask | no & !mask
+            }
+        }
+    };
 }
 
-/// The same of halfwords.
-#[inline(always)]
-#[must_use]
-pub fn select_ge_u16x2(a: u32, b: u32, yes: u32, no: u32) -> u32 {
-    #[cfg(dsp_extension)]
-    {
-        let result;
-        // SAFETY: the instructions work on registers and the flags that they set alone.
-        unsafe {
-            core::arch::asm!(
-                "usub16 {result}, {a}, {b}",
-                "sel {result}, {yes}, {no}",
-                result = out(reg) result,
-                a = in(reg) a, b = in(reg) b, yes = in(reg) yes, no = in(reg) no,
-                options(pure, nomem, nostack),
-            );
-        }
-        result
-    }
-    #[cfg(not(dsp_extension))]
-    {
-        let mask = halfwords(a, b, |a, b| if a >= b { u16::MAX } else { 0 });
-        yes & mask | no & !mask
-    }
+selection! {
+    /// Where a byte of `a` is at least that of `b` the byte of `yes`, elsewhere that of `no`.
+    select_ge_u8x4, "usub8", |a, b| bytes(a, b, |a, b| if a >= b { u8::MAX } else { 0 })
 }
-
-/// The sum of the absolute differences of four bytes, and `sum`.
-#[inline(always)]
-#[must_use]
-pub fn add_distances_u8x4(a: u32, b: u32, sum: u32) -> u32 {
-    #[cfg(dsp_extension)]
-    {
-        let result;
-        // SAFETY: the instruction works on registers alone.
-        unsafe {
-            core::arch::asm!(
-                "usada8 {}, {}, {}, {}",
-                lateout(reg) result, in(reg) a, in(reg) b, in(reg) sum,
-                options(pure, nomem, nostack, preserves_flags),
-            );
-        }
-        result
-    }
-    #[cfg(not(dsp_extension))]
-    {
-        let (a, b) = (a.to_le_bytes(), b.to_le_bytes());
-        let distances = a.iter().zip(b).map(|(&a, b)| u32::from(a.abs_diff(b)));
-        distances.fold(sum, u32::wrapping_add)
-    }
+selection! {
+    /// The same of halfwords.
+    select_ge_u16x2, "usub16", |a, b| halfwords(a, b, |a, b| if a >= b { u16::MAX } else { 0 })
+}
+selection! {
+    /// The same of signed halfwords.
+    select_ge_i16x2, "ssub16",
+    |a, b| signed_halfwords(a, b, |a, b| if a >= b { -1 } else { 0 })
 }
 
 /// The same word, of which the compiler knows nothing: no instruction. Keeps what is
@@ -285,14 +217,6 @@ pub fn distance_u8x4(a: u32, b: u32) -> u32 {
 pub fn min_u16x2(a: u32, b: u32) -> u32 {
     // No halfword borrows.
     a.wrapping_sub(sub_saturating_u16x2(a, b))
-}
-
-/// The larger halfwords.
-#[inline(always)]
-#[must_use]
-pub fn max_u16x2(a: u32, b: u32) -> u32 {
-    // No halfword carries.
-    b.wrapping_add(sub_saturating_u16x2(a, b))
 }
 
 /// The smaller signed halfwords.
