@@ -10,8 +10,8 @@ use vgstereo_core::matching::{CostRun, NO_COST, cost_run as portable, cost_strid
 use vgstereo_core::minchinton::{CELLS_PER_BYTE, Planes};
 
 use crate::simd::{
-    even_bytes, halve_difference_u8x4, in_order, load, odd_bytes, opaque, splat_u8, splat_u16,
-    store, sub_saturating_u8x4, unrolled,
+    even_bytes, halve_difference_u8x4, in_order, load, min_u8x4, odd_bytes, opaque, splat_u8,
+    splat_u16, store, sub_saturating_u8x4, unrolled,
 };
 
 /// Most disparities, rounded up.
@@ -36,12 +36,19 @@ pub fn cost_run(run: &CostRun<'_>, costs: &mut [u8]) {
         bits.is_multiple_of(256)
             && usize::from(bits / 256) * run.inputs.count * CELLS_PER_BYTE <= u8::MAX.into()
     };
-    match (run.inputs.count, run.masks.count, &weighing) {
-        (4, 0, Some(weighing)) if are_whole() => {
+    let Some(weighing) = &weighing else {
+        return portable(run, costs);
+    };
+    let has_levels = run.difference_weight_q4 > 0;
+    match (run.inputs.count, run.masks.count, has_levels) {
+        (4, 0, true) if are_whole() => {
             cost_pixels::<4, 6, { tile(6) }, false>(run, weighing, costs);
         }
-        (6, 6, Some(weighing)) => cost_pixels::<6, 8, { tile(8) }, true>(run, weighing, costs),
-        (8, 8, Some(weighing)) => cost_pixels::<8, 10, { tile(10) }, true>(run, weighing, costs),
+        (8, 0, false) if are_whole() => {
+            cost_pixels::<8, 8, { tile(8) }, false>(run, weighing, costs);
+        }
+        (6, 6, true) => cost_pixels::<6, 8, { tile(8) }, true>(run, weighing, costs),
+        (8, 8, true) => cost_pixels::<8, 10, { tile(10) }, true>(run, weighing, costs),
         _ => portable(run, costs),
     }
 }
@@ -51,8 +58,9 @@ const fn tile(rows: usize) -> usize {
     (rows - 1) * POSITIONS + BLOCK
 }
 
-/// The same for patterns of `BYTES` bytes. There are two more rows, of the levels; `TILE` is
-/// the [`tile`] of all of them. Without masks all cells count, and a cell's cost is whole.
+/// The same for patterns of `BYTES` bytes. There are two more rows, of the levels, or none;
+/// `TILE` is the [`tile`] of all of them. Without masks all cells count, and a cell's cost is
+/// whole.
 #[inline(never)]
 fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const MASKED: bool>(
     run: &CostRun<'_>,
@@ -77,11 +85,14 @@ fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const M
             copy_planes(run.masks, first, pixels, &mut masks);
         }
         copy_planes(run.stored, lowest, positions, &mut rows);
-        copy(run.other_low[0], lowest, positions, &mut rows[BYTES]);
-        copy(run.other_high[0], lowest, positions, &mut rows[BYTES + 1]);
+        if let [.., low, high] = &mut rows[BYTES..] {
+            copy(run.other_low[0], lowest, positions, low);
+            copy(run.other_high[0], lowest, positions, high);
+        }
         let levels = run.levels[0].get(run.start + first..).unwrap_or_default();
-        let pixels = costs.chunks_exact_mut(stride).zip(cell_costs).zip(levels);
-        for (x, ((costs, &cell_cost), &level)) in pixels.enumerate() {
+        let pixels = costs.chunks_exact_mut(stride).zip(cell_costs);
+        for (x, (costs, &cell_cost)) in pixels.enumerate() {
+            let level = levels.get(x).copied().unwrap_or(0);
             let pixel = |plane: &[u8; PIXELS]| splat_u8(plane[x % PIXELS]);
             let input: [u32; BYTES] = from_fn(|byte| pixel(&inputs[byte]));
             let mask: [u32; BYTES] = from_fn(|byte| pixel(&masks[byte]));
@@ -106,10 +117,13 @@ fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const M
                     } else {
                         count * (cell_cost >> 8)
                     };
-                    let levels = [load(BYTES), load(BYTES + 1)];
-                    let cost = in_order(weighing.cost(cells, level, levels));
+                    let cost = if BYTES < ROWS {
+                        weighing.cost(cells, level, [load(BYTES), load(BYTES + 1)])
+                    } else {
+                        min_u8x4(cells, weighing.hamming_truncation)
+                    };
                     if let Some(costs) = block.get_mut(word) {
-                        store(cost, costs);
+                        store(in_order(cost), costs);
                     }
                 });
                 at += BLOCK;
@@ -170,14 +184,15 @@ struct Weighing {
 }
 
 impl Weighing {
-    /// Where levels have one channel, their weight is in halves, and twice the largest cost
-    /// fits a byte.
+    /// Where levels have one channel, if any, their weight is in halves, and twice the largest
+    /// cost fits a byte.
     fn new(run: &CostRun<'_>) -> Option<Self> {
         let weight = run.difference_weight_q4 / 8;
         let levels = weight.checked_mul(run.difference_truncation)?;
         let largest = run.hamming_truncation.checked_mul(2)?.checked_add(levels)?;
-        let is_halves = weight > 0 && run.difference_weight_q4.is_multiple_of(8);
-        (run.channels == 1 && is_halves).then(|| Self {
+        let is_halves = run.difference_weight_q4.is_multiple_of(8);
+        let has_one_channel = run.channels == 1 || run.difference_weight_q4 == 0;
+        (has_one_channel && is_halves).then(|| Self {
             hamming_truncation: splat_u8(run.hamming_truncation),
             difference_truncation: splat_u8(run.difference_truncation),
             weight: weight.into(),
