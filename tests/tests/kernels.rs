@@ -314,6 +314,8 @@ fn costs(
     // Both terms together fit 8 bits.
     let rest = usize::from(u8::MAX - hamming_truncation) * 16;
     let weight_max = rest / usize::from(difference_truncation.max(1));
+    // Often without the levels.
+    let weight_max = weight_max.min(255) * below(&mut random, 3).min(1);
     let run = CostRun {
         start,
         inputs: planes(&inputs, start + width, bytes),
@@ -333,7 +335,7 @@ fn costs(
         channels,
         difference_truncation,
         // Often a multiple of a power of two.
-        difference_weight_q4: (below(&mut random, weight_max.min(255) + 1) as u8)
+        difference_weight_q4: (below(&mut random, weight_max + 1) as u8)
             & (u8::MAX << below(&mut random, 5)),
     };
     let mut costs = vec![1; width * stride];
@@ -448,7 +450,7 @@ proptest! {
 
     #[test]
     fn costs_are_alike(
-        width in 1_usize..40,
+        width in prop_oneof![1_usize..40, 60_usize..=128],
         disparities in prop_oneof![1_usize..=64, 1_usize..=200, Just(64), Just(128)],
         bytes in prop_oneof![1_usize..=8, Just(4), Just(6), Just(8), Just(32), Just(64)],
         channels in prop_oneof![Just(1_usize), Just(3)],

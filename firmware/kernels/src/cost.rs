@@ -11,7 +11,7 @@ use vgstereo_core::minchinton::{CELLS_PER_BYTE, Planes};
 
 use crate::simd::{
     even_bytes, halve_difference_u8x4, in_order, load, min_u8x4, odd_bytes, opaque, splat_u8,
-    splat_u16, store, sub_saturating_u8x4, unrolled,
+    splat_u16, store, sub_saturating_u8x4,
 };
 
 /// Most disparities, rounded up.
@@ -70,6 +70,7 @@ fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const M
     let stride = cost_stride(run.disparities).max(1);
     let mut inputs = [[0; PIXELS]; BYTES];
     let mut masks = [[0; PIXELS]; BYTES];
+    let mut levels = [0; PIXELS];
     let mut rows = [[0; POSITIONS]; ROWS];
     let groups = costs.chunks_mut((stride * PIXELS).max(1));
     for (group, (costs, cell_costs)) in groups.zip(run.cell_costs_q8.chunks(PIXELS)).enumerate() {
@@ -86,17 +87,19 @@ fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const M
         }
         copy_planes(run.stored, lowest, positions, &mut rows);
         if let [.., low, high] = &mut rows[BYTES..] {
+            copy(run.levels[0], run.start + first, pixels, &mut levels);
             copy(run.other_low[0], lowest, positions, low);
             copy(run.other_high[0], lowest, positions, high);
         }
-        let levels = run.levels[0].get(run.start + first..).unwrap_or_default();
         let pixels = costs.chunks_exact_mut(stride).zip(cell_costs);
         for (x, (costs, &cell_cost)) in pixels.enumerate() {
-            let level = levels.get(x).copied().unwrap_or(0);
-            let pixel = |plane: &[u8; PIXELS]| splat_u8(plane[x % PIXELS]);
-            let input: [u32; BYTES] = from_fn(|byte| pixel(&inputs[byte]));
-            let mask: [u32; BYTES] = from_fn(|byte| pixel(&masks[byte]));
-            let (level, cell_cost) = (splat_u8(level), u32::from(cell_cost));
+            let four = |plane: &[u8; PIXELS]| splat_u8(plane[x % PIXELS]);
+            let pixel = Pixel::<BYTES, MASKED> {
+                input: from_fn(|byte| four(&inputs[byte])),
+                mask: from_fn(|byte| four(&masks[byte])),
+                level: four(&levels),
+                cell_cost: cell_cost.into(),
+            };
             let mut at = run.first_position - (first + x) - lowest;
             for block in costs.as_chunks_mut::<BLOCK>().0 {
                 // The bound is above all positions that there are.
@@ -105,27 +108,13 @@ fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const M
                 let Some(tile) = tile.and_then(<[u8]>::first_chunk::<TILE>) else {
                     break;
                 };
-                let block = block.as_chunks_mut().0;
-                unrolled::<{ BLOCK / 4 }>(|word| {
-                    let load = |row: usize| load_at(tile, row * POSITIONS + 4 * word);
-                    let count = count::<BYTES>(|byte| {
-                        let differ = load(byte) ^ input[byte];
-                        if MASKED { differ & mask[byte] } else { differ }
-                    });
-                    let cells = if MASKED {
-                        rounded(count, cell_cost)
-                    } else {
-                        count * (cell_cost >> 8)
-                    };
-                    let cost = if BYTES < ROWS {
-                        weighing.cost(cells, level, [load(BYTES), load(BYTES + 1)])
-                    } else {
-                        min_u8x4(cells, weighing.hamming_truncation)
-                    };
-                    if let Some(costs) = block.get_mut(word) {
-                        store(in_order(cost), costs);
-                    }
-                });
+                let [first, second, third, fourth] = block.as_chunks_mut().0 else {
+                    break;
+                };
+                store(pixel.costs::<ROWS, TILE, 0>(tile, weighing), first);
+                store(pixel.costs::<ROWS, TILE, 1>(tile, weighing), second);
+                store(pixel.costs::<ROWS, TILE, 2>(tile, weighing), third);
+                store(pixel.costs::<ROWS, TILE, 3>(tile, weighing), fourth);
                 at += BLOCK;
             }
             if run.disparities < stride
@@ -134,6 +123,44 @@ fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const M
                 beyond.fill(NO_COST);
             }
         }
+    }
+}
+
+/// A pixel, four times side by side.
+struct Pixel<const BYTES: usize, const MASKED: bool> {
+    input: [u32; BYTES],
+    mask: [u32; BYTES],
+    level: u32,
+    cell_cost: u32,
+}
+
+impl<const BYTES: usize, const MASKED: bool> Pixel<BYTES, MASKED> {
+    /// Costs of four disparities: those of word `WORD` of the block.
+    #[inline(always)]
+    fn costs<const ROWS: usize, const TILE: usize, const WORD: usize>(
+        &self,
+        tile: &[u8; TILE],
+        weighing: &Weighing,
+    ) -> u32 {
+        let load = |row: usize| load_at(tile, row * POSITIONS + 4 * WORD);
+        let count = count::<BYTES>(|byte| {
+            let differ = load(byte) ^ self.input[byte];
+            if MASKED {
+                differ & self.mask[byte]
+            } else {
+                differ
+            }
+        });
+        let cells = if MASKED {
+            rounded(count, self.cell_cost)
+        } else {
+            count * (self.cell_cost >> 8)
+        };
+        in_order(if BYTES < ROWS {
+            weighing.cost(cells, self.level, [load(BYTES), load(BYTES + 1)])
+        } else {
+            min_u8x4(cells, weighing.hamming_truncation)
+        })
     }
 }
 
