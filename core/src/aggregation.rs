@@ -324,21 +324,32 @@ impl RowCheck<'_> {
     /// the margin in the range 1 to 255 where it holds, else 0.
     pub fn write(&self, found_q4: &mut [i16], confidences: &mut [u8]) {
         let count = self.best.len();
+        // Of the other view's best matches those of pixels inside it.
+        let minimum_px = isize::from(self.minimum_px);
+        let start = (-minimum_px).max(0).unsigned_abs();
+        let end = count.saturating_add_signed(-minimum_px);
+        let others = self.other_best.get(..end.min(self.other_best.len()));
+        let others = others
+            .and_then(|others| others.get(start..))
+            .unwrap_or_default();
         let pixels = self.best.iter().zip(self.refined_q4).zip(self.margins);
         let outputs = found_q4.iter_mut().zip(confidences.iter_mut());
         for (x, (((&best, &refined_q4), &margin), (found_q4, confidence))) in
             pixels.zip(outputs).enumerate()
         {
-            let other = self.other_best.get(count - 1 - x + usize::from(best));
-            // The low half is the other pixel's index.
-            let other = other.map_or(u16::MAX, |&other| other as u16);
-            let agrees = (other.abs_diff(best) <= self.tolerance_px.into())
-                & self.position(x, best).is_some();
-            let is_clear = margin >= self.margin;
-            let found = if is_clear { refined_q4 } else { !refined_q4 };
-            *found_q4 = if agrees { found } else { INVALID };
-            let holds = agrees & is_clear;
-            *confidence = margin.clamp(1, 255) as u8 * u8::from(holds);
+            // Before the first of them, the position wraps round and is beyond the last.
+            let position = (count - 1 - x).wrapping_sub(start) + usize::from(best);
+            let agrees = others.get(position).is_some_and(|&other| {
+                // The low half is the other pixel's index.
+                (other as u16).abs_diff(best) <= self.tolerance_px.into()
+            });
+            (*found_q4, *confidence) = if !agrees {
+                (INVALID, 0)
+            } else if margin >= self.margin {
+                (refined_q4, margin.clamp(1, 255) as u8)
+            } else {
+                (!refined_q4, 0)
+            };
         }
         if self.texture_min == 0 {
             return;

@@ -95,8 +95,9 @@
 //!
 //! # Features
 //!
-//! Off by default: `serde`, parameters can be read from and written to text formats; `defmt`,
-//! errors, parameters and what a camera tells can be logged with defmt.
+//! Off by default: `serde`, parameters can be read from and written to text formats, which
+//! needs an allocator; `defmt`, errors, parameters and what a camera tells can be logged with
+//! defmt.
 //!
 //! The oldest Rust it is built with is 1.95.
 #![no_std]

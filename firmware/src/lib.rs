@@ -4,8 +4,9 @@
 //! [`LinePairSource`](vgstereo_core::camera::LinePairSource), gives them to a
 //! [`Matcher`](vgstereo_core::matcher::Matcher) and its lines of disparities to a
 //! [`DisparitySink`]. It drops a frame that is not whole, counts what was lost and starts
-//! again at line 0 of the next frame; [`faults`] puts scripted ones in its way. Drivers,
-//! pins and clocks are a board's affair.
+//! again at line 0 of the next frame; [`faults`] puts scripted ones in its way. A
+//! [`Watchdog`] is fed with each line that is matched. Drivers, pins and clocks are a board's
+//! affair.
 //!
 //! Features, off by default: `serial`, a sink over a serial port; `defmt`, faults, events and
 //! counters can be logged with defmt.
@@ -20,6 +21,8 @@ pub mod faults;
 pub mod serial;
 pub mod session;
 pub mod sink;
+pub mod watchdog;
 
 pub use session::{Event, Fault, Session, Statistics};
 pub use sink::{DisparitySink, FrameInfo};
+pub use watchdog::{NoWatchdog, Watchdog};

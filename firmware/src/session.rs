@@ -14,6 +14,7 @@ use vgstereo_core::matcher::{Matcher, PushError};
 use vgstereo_core::memory::{Arena, OutOfMemory, words};
 
 use crate::sink::{DisparitySink, FrameInfo};
+use crate::watchdog::{NoWatchdog, Watchdog};
 
 /// [`Session::run_frame`] gives up after this many frames' worth of reads: the rest of
 /// the frame that the camera is in, two broken frames and a whole one.
@@ -283,14 +284,15 @@ impl NextFrame {
     }
 }
 
-/// Connects a camera to a matcher and a sink.
+/// Connects a camera to a matcher and a sink, and feeds a watchdog as long as that goes on.
 ///
 /// Nothing waits but the camera, whose every wait is bounded, and the sink.
 #[derive(Debug)]
-pub struct Session<'m, C, K, S> {
+pub struct Session<'m, C, K, S, W = NoWatchdog> {
     camera: C,
     matcher: Matcher<'m, K>,
     sink: S,
+    watchdog: W,
     geometry: Geometry,
     left: &'m mut [u8],
     right: &'m mut [u8],
@@ -308,9 +310,26 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink> Session<'m, C, K, S> {
     /// memory is too small.
     pub fn new(
         camera: C,
+        matcher: Matcher<'m, K>,
+        sink: S,
+        memory: &'m mut [u32],
+    ) -> Result<Self, SessionError> {
+        Self::with_watchdog(camera, matcher, sink, memory, NoWatchdog)
+    }
+}
+
+impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'m, C, K, S, W> {
+    /// The same as [`Session::new`] with a watchdog, which runs already or is started
+    /// before the first step. [`Watchdog`] tells when it is fed.
+    ///
+    /// # Errors
+    /// As [`Session::new`].
+    pub fn with_watchdog(
+        camera: C,
         mut matcher: Matcher<'m, K>,
         sink: S,
         memory: &'m mut [u32],
+        watchdog: W,
     ) -> Result<Self, SessionError> {
         let geometry = camera.geometry();
         let config = matcher.config();
@@ -339,6 +358,7 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink> Session<'m, C, K, S> {
             camera,
             matcher,
             sink,
+            watchdog,
             geometry,
             left: arena.take(line_bytes)?,
             right: arena.take(line_bytes)?,
@@ -386,14 +406,21 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink> Session<'m, C, K, S> {
     /// # Errors
     /// The sink's error; the frame is dropped and the session goes on with the next.
     pub fn step(&mut self) -> Result<Event, S::Error> {
-        match self.camera.read_pair(self.left, self.right) {
-            Ok(pair) => self.take_pair(&pair),
+        let event = match self.camera.read_pair(self.left, self.right) {
+            Ok(pair) => self.take_pair(&pair)?,
             Err(error) => {
                 let kind = error.kind();
                 count(self.statistics.counter(kind), 1);
-                Ok(self.lose(Fault::Camera(kind)))
+                self.lose(Fault::Camera(kind))
             }
+        };
+        match event {
+            Event::Line { .. } | Event::FrameDone { .. } | Event::Resync { .. } => {
+                self.watchdog.feed();
+            }
+            Event::Skipped { .. } | Event::Fault(_) => {}
         }
+        Ok(event)
     }
 
     /// Steps until a frame is done; returns its number. At most [`ATTEMPT_FRAMES`] times

@@ -269,8 +269,14 @@ fn costs(
     let cells = bytes * CELLS_PER_BYTE;
     // As bounded where they are made: see `CostRun::cell_costs_q8`.
     let cell_cost_max = ((1 << 16) - 129) / cells;
+    // Often whole, as they are where all cells count.
+    let whole = if below(&mut random, 2) == 0 {
+        !0
+    } else {
+        !0xff
+    };
     let cell_costs_q8: Vec<_> = (0..width)
-        .map(|_| below(&mut random, cell_cost_max + 1) as u16)
+        .map(|_| below(&mut random, cell_cost_max + 1) as u16 & whole)
         .collect();
     let masked = below(&mut random, 3) > 0;
     let mut rows = |count: usize| -> Vec<Vec<u8>> {
@@ -283,11 +289,13 @@ fn costs(
         other.iter().map(row).collect()
     };
     let (low, high) = (moved(u8::saturating_sub), moved(u8::saturating_add));
-    let hamming_truncation = random.next_u32() as u8;
+    let hamming_truncation = (random.next_u32() as u8) >> below(&mut random, 4);
     let difference_truncation = (random.next_u32() as u8) >> below(&mut random, 5);
     // Both terms together fit 8 bits.
     let rest = usize::from(u8::MAX - hamming_truncation) * 16;
     let weight_max = rest / usize::from(difference_truncation.max(1));
+    // Often without the levels.
+    let weight_max = weight_max.min(255) * below(&mut random, 3).min(1);
     let run = CostRun {
         start,
         inputs: planes(&inputs, start + width, bytes),
@@ -307,7 +315,7 @@ fn costs(
         channels,
         difference_truncation,
         // Often a multiple of a power of two.
-        difference_weight_q4: (below(&mut random, weight_max.min(255) + 1) as u8)
+        difference_weight_q4: (below(&mut random, weight_max + 1) as u8)
             & (u8::MAX << below(&mut random, 5)),
     };
     let mut costs = vec![1; width * stride];
@@ -408,9 +416,9 @@ proptest! {
 
     #[test]
     fn costs_are_alike(
-        width in 1_usize..40,
+        width in prop_oneof![1_usize..40, 60_usize..=128],
         disparities in prop_oneof![1_usize..=64, 1_usize..=200, Just(64), Just(128)],
-        bytes in prop_oneof![1_usize..=8, Just(32), Just(64)],
+        bytes in prop_oneof![1_usize..=8, Just(4), Just(6), Just(8), Just(32), Just(64)],
         channels in prop_oneof![Just(1_usize), Just(3)],
         seed in any::<u64>(),
     ) {

@@ -1,5 +1,7 @@
 //! The session under every fault that a camera or a sink can bring.
 
+use std::cell::Cell;
+
 use image::{DynamicImage, GrayImage, RgbImage};
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
@@ -13,7 +15,9 @@ use vgstereo_core::matcher::{DisparityLine, Matcher};
 use vgstereo_core::preset::Preset;
 use vgstereo_firmware::faults::{self, FaultKind, FaultyCamera};
 use vgstereo_firmware::session::{ATTEMPT_FRAMES, RunError, SessionError, memory_words};
-use vgstereo_firmware::{DisparitySink, Event, Fault, FrameInfo, Session, Statistics};
+use vgstereo_firmware::{
+    DisparitySink, Event, Fault, FrameInfo, NoWatchdog, Session, Statistics, Watchdog,
+};
 use vgstereo_sim::camera::{LINE_PERIOD_US, SimulatedCamera};
 use vgstereo_sim::sink::FrameCollector;
 use vgstereo_tests::Pair;
@@ -130,11 +134,22 @@ fn with_session<C: LinePairSource, S: DisparitySink, R>(
     sink: S,
     body: impl FnOnce(Session<'_, C, Portable, S>) -> R,
 ) -> R {
+    with_watched_session(config, camera, sink, NoWatchdog, body)
+}
+
+/// The same with a watchdog.
+fn with_watched_session<C: LinePairSource, S: DisparitySink, W: Watchdog, R>(
+    config: &Config,
+    camera: C,
+    sink: S,
+    watchdog: W,
+    body: impl FnOnce(Session<'_, C, Portable, S, W>) -> R,
+) -> R {
     let mut memory = vec![0; config.memory_words()];
     // What the lent memory held before must not matter.
     let mut lines = vec![u32::MAX; memory_words(&camera.geometry())];
     let matcher = Matcher::new(config, Portable, &mut memory).unwrap();
-    body(Session::new(camera, matcher, sink, &mut lines).unwrap())
+    body(Session::with_watchdog(camera, matcher, sink, &mut lines, watchdog).unwrap())
 }
 
 /// Steps until frame `last` is done. Every whole frame must be `expected`.
@@ -565,6 +580,53 @@ fn a_dead_camera_ends_the_run_after_the_stated_attempts() {
     }
 }
 
+/// Counts its meals, which others may look at.
+struct Meals<'a>(&'a Cell<u32>);
+
+impl Watchdog for Meals<'_> {
+    fn feed(&mut self) {
+        self.0.set(self.0.get() + 1);
+    }
+}
+
+#[test]
+fn the_watchdog_is_fed_once_for_each_line_matched() {
+    for kind in fault_kinds() {
+        for line in 0..HEIGHT {
+            let camera = FaultyCamera::new(grey_camera(), [scripted(1, line, kind)]);
+            let (meals, sink) = (Cell::new(0), FrameCollector::new());
+            with_watched_session(&config(), camera, sink, Meals(&meals), |mut session| {
+                let mut matched = 0;
+                while session.statistics().frames_dropped + session.statistics().frames < 3 {
+                    let event = session.step().unwrap();
+                    let left_out = matches!(event, Event::Fault(_) | Event::Skipped { .. });
+                    matched += u32::from(!left_out);
+                    assert_eq!(meals.get(), matched, "{kind:?} at line {line}: {event:?}");
+                }
+                assert_eq!(matched, session.statistics().lines);
+            });
+        }
+    }
+}
+
+#[test]
+fn the_watchdog_starves_while_the_camera_is_dead() {
+    for kind in ERROR_KINDS {
+        // Dead from line 5 of the second frame on.
+        let lines = (1..=1 + ATTEMPT_FRAMES).flat_map(|frame| {
+            let first = if frame == 1 { 5 } else { 0 };
+            (first..HEIGHT).map(move |line| scripted(frame, line, FaultKind::Error(kind)))
+        });
+        let camera = FaultyCamera::new(grey_camera(), lines.collect::<Vec<_>>());
+        let (meals, sink) = (Cell::new(0), FrameCollector::new());
+        with_watched_session(&config(), camera, sink, Meals(&meals), |mut session| {
+            assert_eq!(session.run_frame(), Ok(0));
+            assert!(session.run_frame().is_err());
+            assert_eq!(meals.get(), HEIGHT + 5, "{kind:?}");
+        });
+    }
+}
+
 /// Where a [`StrictSink`] fails, once.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum FailAt {
@@ -650,7 +712,8 @@ fn a_failing_sink_costs_one_frame_and_no_more() {
     let lines = (0..HEIGHT).map(FailAt::Line);
     for fail_at in lines.chain([FailAt::Begin, FailAt::End]) {
         let mut sink = StrictSink::new(1, fail_at);
-        with_session(&config, grey_camera(), &mut sink, |mut session| {
+        let (camera, meals) = (grey_camera(), Cell::new(0));
+        with_watched_session(&config, camera, &mut sink, Meals(&meals), |mut session| {
             assert_eq!(session.run_frame(), Ok(0));
             assert_eq!(session.run_frame(), Err(RunError::Sink(Refused)));
             assert_eq!(session.run_frame(), Ok(2));
@@ -666,6 +729,9 @@ fn a_failing_sink_costs_one_frame_and_no_more() {
             expected.frames_dropped = 1;
             expected.sink_errors = 1;
             assert_eq!(session.statistics(), expected, "{fail_at:?}");
+            // Not with the line at which the sink failed.
+            let fed = 2 * HEIGHT + matched.saturating_sub(1);
+            assert_eq!(meals.get(), fed, "{fail_at:?}");
         });
         assert_eq!(sink.done, [0, 2]);
         let aborted: &[_] = match fail_at {

@@ -15,6 +15,9 @@ use crate::minchinton::{CELLS_PER_BYTE, Planes};
 use crate::strip::{Order, Strip};
 use crate::synapse::{Offset, Synapses};
 
+/// Most pixels of a run of costs without masks.
+const RUN_LANES: usize = 128;
+
 /// Pairs of lines in, one row of disparities out, `support.y_px` lines later; in the order
 /// in which the reference view is stored.
 #[derive(Debug)]
@@ -431,7 +434,7 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         }
     }
 
-    /// Block by block: the masks, then the costs.
+    /// Run by run: the masks, if there are any, then the costs.
     fn compute_costs(&mut self, line: u32, sizes: &Sizes) {
         let parameters = &self.parameters;
         let synapses = self.config.parameters.synapses;
@@ -460,12 +463,14 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
             }
         }
         let centre = start(Offset { dx: 0, dy: 0 }).unwrap_or(0) as usize;
-        for start in (0..sizes.width).step_by(MASK_LANES) {
-            let lanes = MASK_LANES.min(sizes.width - start);
+        let cost_of = |count: u16| self.cell_costs_q8.get(usize::from(count)).copied();
+        let mut cell_costs_q8 = [cost_of(synapses).unwrap_or(0); RUN_LANES];
+        let longest = if sizes.masked { MASK_LANES } else { RUN_LANES };
+        for start in (0..sizes.width).step_by(longest) {
+            let lanes = longest.min(sizes.width - start);
             // Masks of the last block are made of a whole one that overlaps with the one before.
             let first = start.min(sizes.width.saturating_sub(MASK_LANES));
             let (skipped, masked) = (start - first, MASK_LANES.min(sizes.width));
-            let mut counts = [synapses; MASK_LANES];
             let mut masks = Planes::NONE;
             if let Some(Masks {
                 block,
@@ -488,31 +493,24 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
                     step,
                     cells: differences,
                     masks: block,
-                    counts,
+                    counts: [0; MASK_LANES],
                 };
                 self.kernels.mask_block(&mut task);
-                counts = task.counts;
+                let counts = task.counts.iter().skip(skipped);
+                for (cost, &count) in cell_costs_q8.iter_mut().zip(counts) {
+                    *cost = cost_of(count).unwrap_or(0);
+                }
                 masks = Planes {
                     bytes: block.get(skipped..).unwrap_or_default(),
                     stride: masked,
                     count: cells / CELLS_PER_BYTE,
                 };
             }
-            let mut cell_costs_q8 = [0; MASK_LANES];
-            for (cost, &count) in cell_costs_q8.iter_mut().zip(&counts) {
-                *cost = self
-                    .cell_costs_q8
-                    .get(usize::from(count))
-                    .copied()
-                    .unwrap_or(0);
-            }
             let run = CostRun {
                 start,
                 inputs: self.sampler.inputs.planes(),
                 masks,
-                cell_costs_q8: cell_costs_q8
-                    .get(skipped..skipped + lanes)
-                    .unwrap_or_default(),
+                cell_costs_q8: cell_costs_q8.get(..lanes).unwrap_or_default(),
                 stored: self.sampler.stored.planes(),
                 first_position: sizes.last_position(&self.config) + sizes.width - 1 - start,
                 disparities: self.config.disparities.count.into(),
@@ -537,21 +535,11 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         let parameters = &self.parameters;
         let grey = self.sampler.reference.row(line);
         let above = self.sampler.reference.row(line.saturating_sub(1));
-        let penalty = |a: u8, b: u8| {
-            // At most 255 * 255 / 16.
-            let fall = (u16::from(parameters.p2_adaptation_q4) * u16::from(a.abs_diff(b))) >> 4;
-            parameters
-                .p2
-                .saturating_sub(fall.min(255) as u8)
-                .max(parameters.p2_floor)
-        };
-        let before = grey.iter().take(1).chain(grey);
-        for ((along, &own), &before) in self.p2_along.iter_mut().zip(grey).zip(before) {
-            *along = penalty(own, before);
+        if let Some((first, after)) = self.p2_along.split_first_mut() {
+            *first = parameters.p2;
+            write_penalties(parameters, grey.get(1..).unwrap_or_default(), grey, after);
         }
-        for ((down, &own), &above) in self.p2_down.iter_mut().zip(grey).zip(above) {
-            *down = penalty(own, above);
-        }
+        write_penalties(parameters, grey, above, self.p2_down);
         self.kernels.aggregate_row(&mut AggregateRow {
             costs: self.costs,
             from_right: self.from_right,
@@ -607,6 +595,17 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         } else {
             self.exposure.learn::<MAX_CHANNELS>(matches, levels, others);
         }
+    }
+}
+
+/// Writes the penalties of larger steps between levels and their neighbours.
+fn write_penalties(parameters: &Aggregation, own: &[u8], neighbours: &[u8], p2: &mut [u8]) {
+    let (most, floor) = (i16::from(parameters.p2), i16::from(parameters.p2_floor));
+    let adaptation_q4 = u16::from(parameters.p2_adaptation_q4);
+    for ((p2, &own), &neighbour) in p2.iter_mut().zip(own).zip(neighbours) {
+        // At most 255 * 255 / 16.
+        let fall = (adaptation_q4 * u16::from(own.abs_diff(neighbour))) >> 4;
+        *p2 = (most - fall as i16).max(floor) as u8;
     }
 }
 

@@ -7,7 +7,7 @@
 /// Columns from the first known disparity on that the line is fitted to.
 const FITTED_PX: usize = 32;
 /// Known disparities among them that are enough.
-const FITTED_MIN: i64 = 4;
+const FITTED_MIN: i32 = 4;
 /// Largest slope: an eighth of a pixel per pixel, in 1/4096 of 1/16 px per px.
 const SLOPE_MAX_Q12: i64 = 1 << 13;
 /// A new slope counts an eighth.
@@ -31,11 +31,10 @@ impl Border {
             return;
         };
         let (before, known) = row.split_at_mut(first);
-        let (mut n, mut sum_x, mut sum_y, mut sum_xx, mut sum_xy) =
-            (0_i64, 0_i64, 0_i64, 0_i64, 0_i64);
-        for (&found, x) in known.iter().take(FITTED_PX).zip(0_i64..) {
+        let (mut n, mut sum_x, mut sum_y, mut sum_xx, mut sum_xy) = (0, 0, 0, 0, 0);
+        for (&found, x) in known.iter().take(FITTED_PX).zip(0_i32..) {
             if found >= 0 {
-                let y = i64::from(found);
+                let y = i32::from(found);
                 n += 1;
                 sum_x += x;
                 sum_y += y;
@@ -46,6 +45,7 @@ impl Border {
         if before.is_empty() || n < FITTED_MIN {
             return;
         }
+        let [n, sum_x, sum_y, sum_xx, sum_xy] = [n, sum_x, sum_y, sum_xx, sum_xy].map(i64::from);
         // Different columns, so not 0. Divisions are per row.
         let spread = n * sum_xx - sum_x * sum_x;
         let slope_q12 = ((n * sum_xy - sum_x * sum_y) << 12).div_euclid(spread.max(1));

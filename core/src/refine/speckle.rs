@@ -12,18 +12,20 @@ use crate::memory::{Arena, OutOfMemory, words};
 /// Most lines of a window.
 const MAX_LINES: usize = 31;
 
+/// A run, neighbours along a line that are one region: line of the window, first column and
+/// number of pixels; of one that is long enough not necessarily all.
+type Run = [u16; 3];
+
 /// Speckle removal over a ring of `2 reach_y + 1` rows.
 ///
-/// A row takes at most `size_min` looks at a pixel and its neighbours for each of its
-/// pixels; runs along the line that are long enough take none.
+/// A region is followed from run to run until it is known to be large enough: from each of
+/// its fewer than `size_min` pixels to those above and below. Runs that are long enough are
+/// not followed at all.
 #[derive(Debug)]
 pub struct Speckle<'m> {
     rows: RowRing<'m>,
-    /// The pixels of a region that were found so far: line of the window, column.
-    region: &'m mut [[u16; 2]],
-    /// Their disparities: while a region is counted, its pixels have none in the ring.
-    values: &'m mut [i16],
-    width: usize,
+    /// The runs of a region that were found so far.
+    region: &'m mut [Run],
     parameters: SpeckleParameters,
 }
 
@@ -33,8 +35,7 @@ impl<'m> Speckle<'m> {
     pub const fn memory_words(width: usize, parameters: SpeckleParameters) -> usize {
         let size = parameters.size_min as usize;
         RowRing::memory_words(width, 0, 2 * parameters.reach_y_px as usize + 1)
-            + words(size, size_of::<[u16; 2]>())
-            + words(size, size_of::<i16>())
+            + words(size, size_of::<Run>())
     }
 
     /// A stage for rows of `width` pixels.
@@ -51,8 +52,6 @@ impl<'m> Speckle<'m> {
         Ok(Self {
             rows: RowRing::new(width, 0, depth, parameters.reach_y_px, INVALID, arena)?,
             region: arena.take(size)?,
-            values: arena.take(size)?,
-            width,
             parameters,
         })
     }
@@ -84,24 +83,30 @@ impl<'m> Speckle<'m> {
         }
         let there = self.rows.around(line, self.parameters.reach_y_px);
         // The lines of the window, looked up once per row.
-        let mut starts = [0; MAX_LINES];
-        for (start, row) in starts.iter_mut().zip(there.clone()) {
-            *start = self.rows.row_start(row);
+        let mut lines = [&[][..]; MAX_LINES];
+        for (values, row) in lines.iter_mut().zip(there.clone()) {
+            *values = self.rows.row(row);
         }
-        let starts = starts.get(..there.len()).unwrap_or_default();
+        let enough = usize::from(self.parameters.size_min);
+        let mut search = Search {
+            lines: lines.get(..there.len()).unwrap_or_default(),
+            region: self.region,
+            found: 0,
+            pixels: 0,
+            enough,
+            step_q4: self.parameters.step_q4.into(),
+        };
         // Within the window.
         let centre = (line - there.start) as u16;
-        let enough = usize::from(self.parameters.size_min);
         let mut rest = output;
         let mut column = 0;
         while !rest.is_empty() {
-            let length = self.run_length(rest);
+            let length = search.run_length(rest.iter());
             let Some((run, after)) = rest.split_at_mut_checked(length.max(1)) else {
                 break;
             };
             let is_short = length > 0 && length < enough;
-            // Columns fit 16 bits, as the width does.
-            if is_short && self.is_small(starts, [centre, column as u16]) {
+            if is_short && search.is_small(centre, column, length) {
                 run.fill(INVALID);
             }
             column += run.len();
@@ -109,87 +114,114 @@ impl<'m> Speckle<'m> {
         }
         Some(line)
     }
+}
 
+/// The search for the region of a run.
+struct Search<'a> {
+    /// The lines of the window.
+    lines: &'a [&'a [i16]],
+    /// The region's runs that were found so far, `found` of them with `pixels` in all.
+    region: &'a mut [Run],
+    found: usize,
+    pixels: usize,
+    /// Pixels that are enough.
+    enough: usize,
+    step_q4: i32,
+}
+
+impl Search<'_> {
     /// Pixels from the first on that are one region along the line; 0 when the first has
     /// no disparity.
-    fn run_length(&self, row: &[i16]) -> usize {
-        if row.first().is_none_or(|&first| first == INVALID) {
+    #[inline(always)]
+    fn run_length<'v>(&self, mut values: impl Iterator<Item = &'v i16>) -> usize {
+        let Some(&first) = values.next().filter(|&&first| first != INVALID) else {
             return 0;
-        }
-        let pairs = row.iter().zip(row.iter().skip(1));
-        let connected = pairs.take_while(|&(&a, &b)| self.are_connected(a, b));
+        };
+        let mut before = disparity(first);
+        let connected = values.take_while(|&&value| {
+            let value = disparity(value);
+            let is_connected = self.are_connected(before, value);
+            before = value;
+            is_connected
+        });
         1 + connected.count()
     }
 
-    /// Whether neighbours, of which the first has a disparity, belong to one region.
-    fn are_connected(&self, a: i16, b: i16) -> bool {
-        b != INVALID && disparity(a).abs_diff(disparity(b)) <= self.parameters.step_q4.into()
+    /// Whether neighbours, one of which has a disparity, belong to one region.
+    #[inline(always)]
+    fn are_connected(&self, a: i32, b: i32) -> bool {
+        (a - b + self.step_q4).cast_unsigned() <= 2 * self.step_q4.cast_unsigned()
     }
 
-    /// Whether the region of a pixel that has a disparity is too small within the window.
-    fn is_small(&mut self, starts: &[usize], place: [u16; 2]) -> bool {
-        let enough = usize::from(self.parameters.size_min);
-        let mut found = self.take(starts, place, 0);
+    /// Whether the region of a run is too small within the window.
+    fn is_small(&mut self, line: u16, start: usize, length: usize) -> bool {
+        (self.found, self.pixels) = (0, 0);
+        self.take(line, start, length);
         let mut next = 0;
-        while next < found && found < enough {
-            let (Some(&[line, column]), Some(&value)) =
-                (self.region.get(next), self.values.get(next))
-            else {
-                break;
-            };
-            next += 1;
-            for place in [
-                [line, column.wrapping_sub(1)],
-                [line, column + 1],
-                [line.wrapping_sub(1), column],
-                [line + 1, column],
-            ] {
-                let neighbour = self.at(starts, place).copied();
-                if found < enough
-                    && neighbour.is_some_and(|neighbour| self.are_connected(value, neighbour))
-                {
-                    found = self.take(starts, place, found);
-                }
-            }
-        }
-        for index in 0..found {
-            let (Some(&place), Some(&value)) = (self.region.get(index), self.values.get(index))
-            else {
-                break;
-            };
-            if let Some(pixel) = self.at(starts, place) {
-                *pixel = value;
-            }
-        }
-        found < enough
-    }
-
-    /// Takes a pixel out of the ring into the region, that of `found` pixels so far; gives
-    /// how many there are then.
-    fn take(&mut self, starts: &[usize], place: [u16; 2], found: usize) -> usize {
-        let Some(pixel) = self.at(starts, place) else {
-            return found;
-        };
-        let value = core::mem::replace(pixel, INVALID);
-        if let (Some(kept_place), Some(kept)) =
-            (self.region.get_mut(found), self.values.get_mut(found))
+        while next < self.found
+            && self.pixels < self.enough
+            && let Some(&run) = self.region.get(next)
         {
-            (*kept_place, *kept) = (place, value);
+            next += 1;
+            self.follow(run, run[0].wrapping_sub(1));
+            self.follow(run, run[0] + 1);
         }
-        found + 1
+        self.pixels < self.enough
     }
 
-    /// A pixel of the window; beyond the ends of a line and of the window there is none.
-    fn at(&mut self, starts: &[usize], [line, column]: [u16; 2]) -> Option<&mut i16> {
-        let start = starts.get(usize::from(line))?;
-        let column = Some(usize::from(column)).filter(|&column| column < self.width)?;
-        self.rows.values_mut().get_mut(start + column)
+    /// Takes the runs of a line beside a run that belong to one region with it.
+    fn follow(&mut self, [own, start, length]: Run, line: u16) {
+        let own = self.lines.get(usize::from(own));
+        let (Some(own), Some(beside)) = (own, self.lines.get(usize::from(line))) else {
+            return;
+        };
+        let mut column = usize::from(start);
+        let end = column + usize::from(length);
+        while column < end && self.pixels < self.enough {
+            let Some((up_to, from)) = beside.split_at_checked(column) else {
+                return;
+            };
+            let (Some(&value), Some(&neighbour)) = (own.get(column), from.first()) else {
+                return;
+            };
+            column += 1;
+            if self.are_connected(disparity(value), disparity(neighbour)) {
+                // No more than is enough.
+                let after = self.run_length(from.iter().take(self.enough));
+                let before = core::iter::once(&neighbour).chain(up_to.iter().rev());
+                let before = self.run_length(before.take(self.enough)) - 1;
+                self.take(line, column - 1 - before, before + after);
+                column += after - 1;
+            }
+        }
+    }
+
+    /// Takes a run into the region, unless it is there already.
+    fn take(&mut self, line: u16, start: usize, length: usize) {
+        // Columns fit 16 bits, as the width does.
+        let run = [line, start as u16, length as u16];
+        let there = self.region.get(..self.found).unwrap_or_default();
+        if there.contains(&run) {
+            return;
+        }
+        if let Some(slot) = self.region.get_mut(self.found) {
+            *slot = run;
+        }
+        self.found += 1;
+        self.pixels += length;
     }
 }
 
-/// A disparity that holds or is in doubt, 1/16 px.
-fn disparity(value: i16) -> i16 {
-    if value < 0 { !value } else { value }
+/// A disparity that holds or is in doubt, 1/16 px; where there is none, one that is far from
+/// all others.
+#[inline(always)]
+fn disparity(value: i16) -> i32 {
+    let value = i32::from(value);
+    if value == INVALID.into() {
+        1 << 20
+    } else {
+        value ^ (value >> 31)
+    }
 }
 
 #[cfg(test)]

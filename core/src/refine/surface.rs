@@ -249,22 +249,21 @@ impl<'m, K: Kernels> SurfaceRefiner<'m, K> {
         let confidences = self.confidences.get(kept).unwrap_or_default();
         let region = &self.config.region;
         let (start, count) = (usize::from(region.x), usize::from(region.width));
-        match self.config.reference {
-            Reference::Left => {
-                copy(self.line_q4, row.iter().skip(start).take(count));
-                copy(
-                    self.line_confidences,
-                    confidences.iter().skip(start).take(count),
-                );
-            }
-            // Stored mirrored.
-            Reference::Right => {
-                copy(self.line_q4, row.iter().rev().skip(start).take(count));
-                copy(
-                    self.line_confidences,
-                    confidences.iter().rev().skip(start).take(count),
-                );
-            }
+        // The right view is stored mirrored.
+        let is_mirrored = self.config.reference == Reference::Right;
+        let start = if is_mirrored {
+            row.len() - start - count
+        } else {
+            start
+        };
+        let inside = start..start + count;
+        let row = row.get(inside.clone()).unwrap_or_default();
+        let confidences = confidences.get(inside).unwrap_or_default();
+        copy(self.line_q4, row.iter());
+        copy(self.line_confidences, confidences.iter());
+        if is_mirrored {
+            self.line_q4.reverse();
+            self.line_confidences.reverse();
         }
         let is_sparse = self.config.output == Output::Sparse;
         let minimum_q4 = px_to_q4(self.config.disparities.minimum_px);

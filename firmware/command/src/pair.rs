@@ -117,6 +117,7 @@ impl Pair {
     pub fn request(&self, preset: Preset, frames: u32, faults: &[Fault]) -> Result<Request> {
         let mut request = Request {
             preset,
+            hamming_alone: false,
             geometry: self.geometry()?,
             disparities: self.disparities,
             frames,

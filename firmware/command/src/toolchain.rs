@@ -12,6 +12,9 @@ use crate::board::Board;
 const DEBIAN_COMPILER: &str = "/usr/bin/rustc";
 const DEBIAN_LIBRARY: &str = "/usr/lib/rustlib/src/rust/library/core/src/lib.rs";
 const DEBIAN_COMPILER_PACKAGES: [&str; 2] = ["rustc-web", "rust-web-src"];
+/// Its clippy.
+const DEBIAN_LINTER: &str = "/usr/bin/cargo-clippy";
+const DEBIAN_LINTER_PACKAGE: &str = "rust-web-clippy";
 
 /// A compiler for a target.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -40,6 +43,18 @@ impl Toolchain {
             return Ok(None);
         }
         Ok(linker(&libraries)?.map(|linker| Self::Debian { linker }))
+    }
+
+    /// Its clippy, if there is one.
+    ///
+    /// # Errors
+    /// When there is no Rust compiler at all.
+    pub fn linter(&self) -> Result<Option<PathBuf>> {
+        let path = match self {
+            Self::Rustup => sysroot()?.join("bin/cargo-clippy"),
+            Self::Debian { .. } => DEBIAN_LINTER.into(),
+        };
+        Ok(path.is_file().then_some(path))
     }
 }
 
@@ -88,6 +103,8 @@ pub struct Need {
     pub remedy: String,
     /// Debian's packages of it.
     pub packages: Vec<&'static str>,
+    /// Whether nothing but linting needs it.
+    pub is_for_lint: bool,
 }
 
 /// What a set of boards needs, each need once.
@@ -103,7 +120,8 @@ pub fn needs(boards: &[Board]) -> Result<Vec<Need>> {
         .collect();
     let mut needs = Vec::new();
     for target in targets {
-        let found = Toolchain::find(target)?.map(|toolchain| match toolchain {
+        let toolchain = Toolchain::find(target)?;
+        let found = toolchain.as_ref().map(|toolchain| match toolchain {
             Toolchain::Rustup => "installed by rustup".to_owned(),
             Toolchain::Debian { linker } => {
                 format!(
@@ -121,6 +139,25 @@ pub fn needs(boards: &[Board]) -> Result<Vec<Need>> {
             found,
             remedy: format!("rustup target add {target}"),
             packages,
+            is_for_lint: false,
+        });
+        let linter = match &toolchain {
+            Some(toolchain) => toolchain.linter()?,
+            None => None,
+        };
+        let (remedy, packages) = match toolchain {
+            Some(Toolchain::Rustup) => ("rustup component add clippy", vec![]),
+            _ => (
+                "apt-get install rust-web-clippy",
+                vec![DEBIAN_LINTER_PACKAGE],
+            ),
+        };
+        needs.push(Need {
+            what: format!("clippy for {target}, only to lint"),
+            found: linter.map(|path| path.display().to_string()),
+            remedy: remedy.to_owned(),
+            packages,
+            is_for_lint: true,
         });
     }
     for emulator in emulators {
@@ -133,18 +170,19 @@ pub fn needs(boards: &[Board]) -> Result<Vec<Need>> {
             found: program(emulator).map(|path| path.display().to_string()),
             remedy: "install QEMU".to_owned(),
             packages: vec![package],
+            is_for_lint: false,
         });
     }
     Ok(needs)
 }
 
-/// Refuses boards for which something is missing.
+/// Refuses boards for which something is missing to build and run them.
 ///
 /// # Errors
 /// One line that names what is missing and how to install it.
 pub fn ensure_complete(boards: &[Board]) -> Result<()> {
     let mut missing = needs(boards)?;
-    missing.retain(|need| need.found.is_none());
+    missing.retain(|need| need.found.is_none() && !need.is_for_lint);
     if missing.is_empty() {
         return Ok(());
     }

@@ -28,7 +28,7 @@ fn help_names_every_verb_and_option() {
         .get_output()
         .clone();
     let help = String::from_utf8(output.stdout).unwrap();
-    for verb in ["setup", "build", "run", "verify", "bench", "size"] {
+    for verb in ["setup", "build", "lint", "run", "verify", "bench", "size"] {
         assert!(help.contains(&format!("  {verb}  ")), "{verb}: {help}");
     }
     let output = firmware(&["run", "--help"])

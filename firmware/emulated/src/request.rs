@@ -5,11 +5,14 @@ use core::str::FromStr;
 
 use heapless::Vec;
 use vgstereo_core::camera::{Geometry, PixelFormat};
-use vgstereo_core::config::Config;
+use vgstereo_core::config::{Config, Method};
 use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::preset::Preset;
 use vgstereo_firmware::faults::Fault;
 use vgstereo_firmware::session;
+
+/// Cells of the patterns where Hamming distances alone are asked for.
+pub const HAMMING_CELLS: u8 = 64;
 
 /// Most faults of a script.
 pub const MAX_FAULTS: usize = 32;
@@ -19,6 +22,9 @@ pub const MAX_FAULTS: usize = 32;
 pub struct Request {
     /// The preset.
     pub preset: Preset,
+    /// Whether its costs are instead the plain Hamming distances of patterns of
+    /// [`HAMMING_CELLS`]: without masks, weights and levels. For presets that aggregate.
+    pub hamming_alone: bool,
     /// Of the camera.
     pub geometry: Geometry,
     /// Disparities to search.
@@ -33,7 +39,16 @@ impl Request {
     /// What the matcher is built from.
     #[must_use]
     pub fn config(&self) -> Config {
-        let parameters = self.preset.parameters();
+        let mut parameters = self.preset.parameters();
+        if let Method::Aggregation(method) = &mut parameters.method
+            && self.hamming_alone
+        {
+            parameters.synapses = HAMMING_CELLS.into();
+            method.kept_cells_q8 = 256;
+            method.hamming_scale = HAMMING_CELLS;
+            method.hamming_truncation = HAMMING_CELLS;
+            method.difference_weight_q4 = 0;
+        }
         Config {
             format: self.geometry.format,
             ..Config::new(parameters, self.geometry.width, self.disparities)
@@ -60,6 +75,9 @@ impl fmt::Display for Request {
         write!(f, "preset={} width={width} height={height} ", self.preset)?;
         write!(f, "pixels={} minimum={minimum_px} ", pixels_name(format))?;
         write!(f, "disparities={count} frames={}", self.frames)?;
+        if self.hamming_alone {
+            f.write_str(" costs=hamming")?;
+        }
         for fault in &self.faults {
             write!(f, " fault={fault}")?;
         }
@@ -88,6 +106,7 @@ impl FromStr for Request {
         }
         let mut request = Self {
             preset: Preset::Lite,
+            hamming_alone: false,
             geometry: Geometry {
                 width: 0,
                 height: 0,
@@ -110,6 +129,7 @@ impl FromStr for Request {
                 }
                 "minimum" => request.disparities.minimum_px = value(text)?,
                 "disparities" => request.disparities.count = value(text)?,
+                "costs" if text == "hamming" => request.hamming_alone = true,
                 "frames" => request.frames = value(text)?,
                 "fault" => {
                     let fault = value(text)?;
@@ -147,6 +167,7 @@ mod tests {
             for format in PixelFormat::ALL {
                 let mut request = Request {
                     preset,
+                    hamming_alone: false,
                     geometry: Geometry {
                         width: 320,
                         height: 240,
@@ -159,6 +180,8 @@ mod tests {
                     frames: 5,
                     faults: Vec::new(),
                 };
+                assert_eq!(request.to_string().parse(), Ok(request.clone()));
+                request.hamming_alone = true;
                 assert_eq!(request.to_string().parse(), Ok(request.clone()));
                 let kind = FaultKind::Error(ErrorKind::Bus);
                 let (frame, line) = (u32::MAX, u32::MAX);
@@ -178,6 +201,7 @@ mod tests {
             "width=-1",
             "preset=best",
             "pixels=",
+            "costs=",
             "fault=1",
         ] {
             assert_eq!(words.parse::<Request>(), Err(NotARequest), "{words}");

@@ -9,8 +9,8 @@ use vgstereo_core::disparity::STEPS_PER_PX;
 use vgstereo_core::matching::NO_DISTANCE;
 
 use crate::simd::{
-    add_even_bytes, add_odd_bytes, add_saturating_u8x4, even_bytes, load, min_u8x4, min_u16x2,
-    odd_bytes, opaque, splat_u8, splat_u16, store, sub_saturating_u8x4,
+    add_even_bytes, add_odd_bytes, add_saturating_u8x4, even_bytes, in_order, load, min_u8x4,
+    min_u16x2, odd_bytes, opaque, splat_u8, splat_u16, store, sub_saturating_u8x4, unrolled,
 };
 
 /// Most disparities, rounded up.
@@ -22,6 +22,9 @@ const INDEX_MASK: u32 = (1 << INDEX_BITS) - 1;
 
 /// Four disparities.
 type Quad = [u8; 4];
+
+/// The least key of each pair of neighbouring disparities, with guards around them.
+type Pairs = [Quad; MAX_STRIDE / 4 + 2];
 
 /// Aggregates a row and selects.
 pub fn aggregate_row(row: &mut AggregateRow<'_>) {
@@ -61,7 +64,7 @@ fn aggregate<const QUADS: usize>(row: &mut AggregateRow<'_>) {
 
     // From the left and from above; all three are there, so each pixel is decided at once.
     let mut above = Path::new();
-    let mut pairs = [u32::MAX; MAX_STRIDE / 4 + 1];
+    let mut pairs = [[u8::MAX; 4]; _];
     let mut others = Others::new(row.other_best, row.best.len(), row.disparities);
     let (mut least, mut is_inside) = (0, 0);
     let penalties = row.p2_along.iter().zip(row.p2_down);
@@ -81,8 +84,8 @@ fn aggregate<const QUADS: usize>(row: &mut AggregateRow<'_>) {
             *from_above = *costs;
         } else {
             let least = above.set(from_above);
-            step(&above, least, costs, p1, p2_down, |index, path| {
-                write(from_above, index, path);
+            advance(&above, least, costs, p1, p2_down, |index, path| {
+                write(from_above, index, in_order(path));
             });
         }
         let ((best, refined_q4), margin) = output;
@@ -132,10 +135,13 @@ impl Path {
     #[inline(always)]
     fn set<const QUADS: usize>(&mut self, path: &[Quad; QUADS]) -> u32 {
         let mut least = u32::MAX;
-        for_each::<QUADS>(|index| {
-            // A call to copy memory would take longer.
-            let costs = opaque(quad(path, index));
-            least = min_u8x4(least, costs);
+        unrolled::<QUADS>(|index| {
+            let costs = quad(path, index);
+            least = in_order(if index == 0 {
+                costs
+            } else {
+                min_u8x4(least, costs)
+            });
             self.write(index, costs);
         });
         least_of(least)
@@ -157,25 +163,12 @@ impl Path {
     }
 }
 
-/// Calls `body` with 0 to `QUADS - 1`, four times in a pass of a loop: strides are multiples
-/// of 16.
-#[inline(always)]
-fn for_each<const QUADS: usize>(mut body: impl FnMut(usize)) {
-    const { assert!(QUADS.is_multiple_of(4)) };
-    for group in 0..QUADS / 4 {
-        body(4 * group);
-        body(4 * group + 1);
-        body(4 * group + 2);
-        body(4 * group + 3);
-    }
-}
-
 #[inline(always)]
 fn quad<const QUADS: usize>(path: &[Quad; QUADS], index: usize) -> u32 {
     path.get(index).map_or(0, load)
 }
 
-/// One pixel along a path; gives its least cost, four times.
+/// One pixel along a path whose least cost is given; the same of the next, four times each.
 #[inline(always)]
 fn step<const QUADS: usize>(
     previous: &Path,
@@ -185,21 +178,39 @@ fn step<const QUADS: usize>(
     p2: u8,
     mut write: impl FnMut(usize, u32),
 ) -> u32 {
+    let mut least_next = u32::MAX;
+    advance(previous, least, costs, p1, p2, |index, path| {
+        least_next = in_order(if index == 0 {
+            path
+        } else {
+            min_u8x4(least_next, path)
+        });
+        write(index, path);
+    });
+    least_of(least_next)
+}
+
+/// The same without the next least.
+#[inline(always)]
+fn advance<const QUADS: usize>(
+    previous: &Path,
+    least: u32,
+    costs: &[Quad; QUADS],
+    p1: u32,
+    p2: u8,
+    mut write: impl FnMut(usize, u32),
+) {
     let p2 = splat_u8(p2);
     // No path cost is below the least, and with the penalty that fits a byte.
     let ceiling = add_saturating_u8x4(least, p2);
-    let mut least_next = u32::MAX;
-    for_each::<QUADS>(|index| {
+    unrolled::<QUADS>(|index| {
         let neighbour = min_u8x4(previous.load(index, -1), previous.load(index, 1));
         let neighbour = add_saturating_u8x4(neighbour, p1);
         let reached = min_u8x4(previous.load(index, 0), neighbour);
         // The same as the smaller of `reached - least` and `p2`.
         let onward = p2.wrapping_sub(sub_saturating_u8x4(ceiling, reached));
-        let path = add_saturating_u8x4(quad(costs, index), onward);
-        least_next = min_u8x4(least_next, path);
-        write(index, path);
+        write(index, add_saturating_u8x4(quad(costs, index), onward));
     });
-    least_of(least_next)
 }
 
 /// The least of four bytes, four times.
@@ -245,11 +256,7 @@ impl<'a> Others<'a> {
     /// Takes the next pixel's paths; gives its least key, and that of each pair of
     /// neighbouring disparities.
     #[inline(always)]
-    fn meet<const QUADS: usize>(
-        &mut self,
-        paths: [&[Quad; QUADS]; 3],
-        pairs: &mut [u32; MAX_STRIDE / 4 + 1],
-    ) -> u32 {
+    fn meet<const QUADS: usize>(&mut self, paths: [&[Quad; QUADS]; 3], pairs: &mut Pairs) -> u32 {
         let offset = self.offset;
         let [even, odd] = &mut self.planes;
         let (even, odd) = if offset.is_multiple_of(2) {
@@ -263,12 +270,11 @@ impl<'a> Others<'a> {
         ) else {
             return 0;
         };
-        let [left, right, above] = paths;
-        // Indices of disparities 0 and 2.
-        let mut indices = 2 << 16;
         let mut best = u32::MAX;
-        for_each::<QUADS>(|index| {
-            let (left, right, above) = (quad(left, index), quad(right, index), quad(above, index));
+        unrolled::<QUADS>(|index| {
+            let [left, right, above] = paths.map(|path| quad(path, index));
+            // Of disparities 0 and 2 of the quad.
+            let indices = splat_u16(4 * index as u16) + (2 << 16);
             let sums = add_even_bytes(add_even_bytes(even_bytes(left), right), above);
             let keys_even = opaque((sums << INDEX_BITS) + indices);
             let sums = add_odd_bytes(add_odd_bytes(odd_bytes(left), right), above);
@@ -277,11 +283,14 @@ impl<'a> Others<'a> {
                 write(others, index, min_u16x2(quad(others, index), keys));
             }
             let least = min_u16x2(keys_even, keys_odd);
-            best = min_u16x2(best, least);
-            if let Some(pair) = pairs.get_mut(index) {
-                *pair = least;
+            best = in_order(if index == 0 {
+                least
+            } else {
+                min_u16x2(best, least)
+            });
+            if let Some(pairs) = pairs.get_mut(index + 1) {
+                store(least, pairs);
             }
-            indices += splat_u16(4);
         });
         self.retire();
         min_u16x2(best, best >> 16) & 0xffff
@@ -357,7 +366,7 @@ struct Selected {
 fn select<const QUADS: usize>(
     key: u32,
     paths: [&[Quad; QUADS]; 3],
-    pairs: &mut [u32; MAX_STRIDE / 4 + 1],
+    pairs: &mut Pairs,
     disparities: usize,
 ) -> Selected {
     let index = (key & INDEX_MASK) as usize;
@@ -377,20 +386,23 @@ fn select<const QUADS: usize>(
         _ => 0,
     };
     // The pairs of the best and its neighbours have one disparity more.
+    let pair = index / 2 + 2;
     let (other_pair, outer) = if index.is_multiple_of(2) {
-        ((index / 2).wrapping_sub(1), index.wrapping_sub(2))
+        (pair - 1, index.wrapping_sub(2))
     } else {
-        (index / 2 + 1, index + 2)
+        (pair + 1, index + 2)
     };
-    for pair in [index / 2, other_pair] {
-        if let Some(pairs) = pairs.get_mut(pair / 2) {
-            *pairs |= 0xffff << (pair % 2 * 16);
+    let keys = pairs.as_flattened_mut().as_chunks_mut::<2>().0;
+    for pair in [pair, other_pair] {
+        if let Some(key) = keys.get_mut(pair) {
+            *key = [u8::MAX; 2];
         }
     }
+    let [_, pairs @ ..] = pairs;
     let second = pairs
         .iter()
         .take(QUADS)
-        .fold(u32::MAX, |a, &b| min_u16x2(a, b));
+        .fold(u32::MAX, |a, b| min_u16x2(a, load(b)));
     let second = min_u16x2(second, second >> 16) & 0xffff;
     let second = ((second >> INDEX_BITS) as i16).min(sum(outer).unwrap_or(NO_DISTANCE));
     // Beyond the range there are the highest sums, which are no second best.

@@ -1,7 +1,7 @@
 //! Kernels for Armv7E-M: Cortex-M4 and M7.
 //!
 //! A register holds four bytes or two halfwords, and the instructions of the DSP extension
-//! work on them side by side. The kernels are written on [`simd`], whose functions are one
+//! work on them side by side. The kernels are written on `simd`, whose functions are one
 //! or two of these instructions each where the target has them, and plain code of the same
 //! bits elsewhere: what runs on the chip is tested on the host.
 #![cfg_attr(not(test), no_std)]
@@ -14,7 +14,7 @@ mod mask;
 mod median9;
 mod pack;
 #[allow(unsafe_code)]
-pub mod simd;
+mod simd;
 mod weighted_median;
 
 use vgstereo_core::aggregation::AggregateRow;

@@ -36,6 +36,9 @@ pub fn pack_cells(samples: &[&[u8]; SAMPLES], packed: &mut [u8]) {
         });
         store(cells, packed);
     }
+    if rest.is_empty() {
+        return;
+    }
     let first = common - rest.len();
     portable(
         &samples.map(|row| row.get(first..).unwrap_or_default()),

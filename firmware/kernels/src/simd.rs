@@ -53,22 +53,12 @@ instruction! {
     sub_saturating_u16x2, "uqsub16", |a, b| halfwords(a, b, u16::saturating_sub)
 }
 instruction! {
-    /// Sums of halfwords, at most 65535.
-    add_saturating_u16x2, "uqadd16", |a, b| halfwords(a, b, u16::saturating_add)
-}
-instruction! {
     /// Sums of signed halfwords, at most 32767.
     add_saturating_i16x2, "qadd16", |a, b| signed_halfwords(a, b, i16::saturating_add)
 }
 instruction! {
     /// Differences of signed halfwords, at least -32768.
     sub_saturating_i16x2, "qsub16", |a, b| signed_halfwords(a, b, i16::saturating_sub)
-}
-instruction! {
-    /// Halves of sums of signed halfwords, rounded down.
-    halve_sum_i16x2, "shadd16", |a, b| signed_halfwords(a, b, |a, b| {
-        ((i32::from(a) + i32::from(b)) >> 1) as i16
-    })
 }
 instruction! {
     /// Halves of sums of halfwords, rounded down.
@@ -126,114 +116,50 @@ pub fn saturate_to_u8x2(a: u32) -> u32 {
     }
 }
 
-/// Where a byte of `a` is at least that of `b` the byte of `yes`, elsewhere that of `no`.
-#[inline(always)]
-#[must_use]
-pub fn select_ge_u8x4(a: u32, b: u32, yes: u32, no: u32) -> u32 {
-    #[cfg(dsp_extension)]
-    {
-        let result;
-        // SAFETY: the instructions work on registers and the flags that they set alone.
-        unsafe {
-            core::arch::asm!(
-                "usub8 {result}, {a}, {b}",
-                "sel {result}, {yes}, {no}",
-                result = out(reg) result,
-                a = in(reg) a, b = in(reg) b, yes = in(reg) yes, no = in(reg) no,
-                options(pure, nomem, nostack),
-            );
-        }
-        result
-    }
-    #[cfg(not(dsp_extension))]
-    {
-        let mask = bytes(a, b, |a, b| if a >= b { u8::MAX } else { 0 });
-        yes & mask | no & !mask
-    }
-}
-
-/// The same of signed halfwords.
-#[inline(always)]
-#[must_use]
-pub fn select_ge_i16x2(a: u32, b: u32, yes: u32, no: u32) -> u32 {
-    #[cfg(dsp_extension)]
-    {
-        let result;
-        // SAFETY: the instructions work on registers and the flags that they set alone.
-        unsafe {
-            core::arch::asm!(
-                "ssub16 {result}, {a}, {b}",
-                "sel {result}, {yes}, {no}",
-                result = out(reg) result,
-                a = in(reg) a, b = in(reg) b, yes = in(reg) yes, no = in(reg) no,
-                options(pure, nomem, nostack),
-            );
-        }
-        result
-    }
-    #[cfg(not(dsp_extension))]
-    {
-        let at_least = |a: u16, b: u16| {
-            if a.cast_signed() >= b.cast_signed() {
-                u16::MAX
-            } else {
-                0
+/// Evaluates a comparison that sets the flags of all lanes, and a selection by these flags; on
+/// other targets plain code, which gives all bits of a lane or none.
+macro_rules! selection {
+    ($(#[$doc:meta])* $name:ident, $text:literal, $plain:expr) => {
+        $(#[$doc])*
+        #[inline(always)]
+        #[must_use]
+        pub fn $name(a: u32, b: u32, yes: u32, no: u32) -> u32 {
+            #[cfg(dsp_extension)]
+            {
+                let result;
+                // SAFETY: the instructions work on registers and the flags that they set alone.
+                unsafe {
+                    core::arch::asm!(
+                        concat!($text, " {result}, {a}, {b}"),
+                        "sel {result}, {yes}, {no}",
+                        result = out(reg) result,
+                        a = in(reg) a, b = in(reg) b, yes = in(reg) yes, no = in(reg) no,
+                        options(pure, nomem, nostack),
+                    );
+                }
+                result
             }
-        };
-        let mask = halfwords(a, b, at_least);
-        yes & mask | no & !mask
-    }
+            #[cfg(not(dsp_extension))]
+            {
+                let mask = $plain(a, b);
+                yes & mask | no & !mask
+            }
+        }
+    };
 }
 
-/// The same of halfwords.
-#[inline(always)]
-#[must_use]
-pub fn select_ge_u16x2(a: u32, b: u32, yes: u32, no: u32) -> u32 {
-    #[cfg(dsp_extension)]
-    {
-        let result;
-        // SAFETY: the instructions work on registers and the flags that they set alone.
-        unsafe {
-            core::arch::asm!(
-                "usub16 {result}, {a}, {b}",
-                "sel {result}, {yes}, {no}",
-                result = out(reg) result,
-                a = in(reg) a, b = in(reg) b, yes = in(reg) yes, no = in(reg) no,
-                options(pure, nomem, nostack),
-            );
-        }
-        result
-    }
-    #[cfg(not(dsp_extension))]
-    {
-        let mask = halfwords(a, b, |a, b| if a >= b { u16::MAX } else { 0 });
-        yes & mask | no & !mask
-    }
+selection! {
+    /// Where a byte of `a` is at least that of `b` the byte of `yes`, elsewhere that of `no`.
+    select_ge_u8x4, "usub8", |a, b| bytes(a, b, |a, b| if a >= b { u8::MAX } else { 0 })
 }
-
-/// The sum of the absolute differences of four bytes, and `sum`.
-#[inline(always)]
-#[must_use]
-pub fn add_distances_u8x4(a: u32, b: u32, sum: u32) -> u32 {
-    #[cfg(dsp_extension)]
-    {
-        let result;
-        // SAFETY: the instruction works on registers alone.
-        unsafe {
-            core::arch::asm!(
-                "usada8 {}, {}, {}, {}",
-                lateout(reg) result, in(reg) a, in(reg) b, in(reg) sum,
-                options(pure, nomem, nostack, preserves_flags),
-            );
-        }
-        result
-    }
-    #[cfg(not(dsp_extension))]
-    {
-        let (a, b) = (a.to_le_bytes(), b.to_le_bytes());
-        let distances = a.iter().zip(b).map(|(&a, b)| u32::from(a.abs_diff(b)));
-        distances.fold(sum, u32::wrapping_add)
-    }
+selection! {
+    /// The same of halfwords.
+    select_ge_u16x2, "usub16", |a, b| halfwords(a, b, |a, b| if a >= b { u16::MAX } else { 0 })
+}
+selection! {
+    /// The same of signed halfwords.
+    select_ge_i16x2, "ssub16",
+    |a, b| signed_halfwords(a, b, |a, b| if a >= b { -1 } else { 0 })
 }
 
 /// The same word, of which the compiler knows nothing: no instruction. Keeps what is
@@ -248,6 +174,27 @@ pub fn opaque(word: u32) -> u32 {
         unsafe {
             core::arch::asm!("/* {} */", inout(reg) word,
                 options(pure, nomem, nostack, preserves_flags));
+        }
+        word
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        word
+    }
+}
+
+/// The same word, between what is loaded and stored before and after it: no instruction.
+/// Else a compiler loads early, and spills registers for it.
+#[inline(always)]
+#[must_use]
+pub fn in_order(word: u32) -> u32 {
+    #[cfg(dsp_extension)]
+    {
+        let mut word = word;
+        // SAFETY: there is no instruction. Not pure, and so not moved past memory accesses.
+        unsafe {
+            core::arch::asm!("/* {} */", inout(reg) word,
+                options(nomem, nostack, preserves_flags));
         }
         word
     }
@@ -289,14 +236,6 @@ pub fn min_u16x2(a: u32, b: u32) -> u32 {
     a.wrapping_sub(sub_saturating_u16x2(a, b))
 }
 
-/// The larger halfwords.
-#[inline(always)]
-#[must_use]
-pub fn max_u16x2(a: u32, b: u32) -> u32 {
-    // No halfword carries.
-    b.wrapping_add(sub_saturating_u16x2(a, b))
-}
-
 /// The smaller signed halfwords.
 #[inline(always)]
 #[must_use]
@@ -323,6 +262,16 @@ pub fn even_bytes(a: u32) -> u32 {
 #[must_use]
 pub fn odd_bytes(a: u32) -> u32 {
     a >> 8 & 0x00ff_00ff
+}
+
+/// Calls `body` with 0 to `COUNT - 1`, at most 15, without a loop: every index is a constant.
+#[inline(always)]
+pub fn unrolled<const COUNT: usize>(mut body: impl FnMut(usize)) {
+    const { assert!(COUNT <= 16) };
+    macro_rules! unroll {
+        ($($index:literal)*) => { $(if $index < COUNT { body($index); })* };
+    }
+    unroll!(0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15);
 }
 
 /// Four times a byte.

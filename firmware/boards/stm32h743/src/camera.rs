@@ -5,10 +5,7 @@ use embassy_time::{Duration, Instant};
 use vgstereo_core::camera::{ErrorKind, ErrorType, Geometry, LinePair, LinePairSource};
 
 use crate::capture::{Capture, RAW_WORDS};
-use crate::{GEOMETRY, LAYOUT, LINE_US};
-
-/// A frame with its gap and its exposure, with a quarter to spare.
-const FRAME_TIME: Duration = Duration::from_micros(325 * LINE_US as u64);
+use crate::{FRAME_US, GEOMETRY, LAYOUT};
 
 /// Two sensors that begin a frame at the same edge of their trigger: a frame comes when
 /// its line 0 is asked for. Lines are not rectified. A pair that was not read when the next
@@ -77,7 +74,7 @@ impl StereoCamera {
 /// Whether it happens in the time of a frame.
 fn wait_for(mut has_happened: impl FnMut() -> bool) -> bool {
     let begun = Instant::now();
-    while begun.elapsed() < FRAME_TIME {
+    while begun.elapsed() < Duration::from_micros(FRAME_US.into()) {
         if has_happened() {
             return true;
         }

@@ -10,7 +10,7 @@ mod sensors;
 
 use cortex_m_rt::entry;
 use defmt_rtt as _;
-use embassy_stm32::peripherals::{DCMI, DMA1_CH0, USART3};
+use embassy_stm32::peripherals::{DCMI, DMA1_CH0, IWDG1, USART3};
 use embassy_stm32::rcc::{Mco, Mco1Source, McoConfig, McoPrescaler};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, BufferedUart};
@@ -26,7 +26,7 @@ use vgstereo_core::kernel::Portable;
 use vgstereo_core::matcher::Matcher;
 use vgstereo_core::preset::Preset;
 use vgstereo_firmware::serial::{SerialSink, packet_bytes};
-use vgstereo_firmware::{Event, Session, session};
+use vgstereo_firmware::{Event, Session, Watchdog, session};
 
 use crate::camera::StereoCamera;
 use crate::capture::Capture;
@@ -48,10 +48,13 @@ const CONFIG: Config = Config::new(
 /// From one line to the next: the matcher's time for a line, and what the sensors are
 /// slowed down to.
 const LINE_US: u32 = 16_000;
+/// A frame with its gap and its exposure, with a quarter to spare: the longest wait.
+const FRAME_US: u32 = 325 * LINE_US;
+/// A line that never comes, the end of its frame, and line 0 of the next one: what one
+/// fault may take.
+const WATCHDOG_US: u32 = 3 * FRAME_US;
 /// Of the serial port: a line of disparities takes 3.3 ms.
 const BAUD: u32 = 2_000_000;
-/// Longer than any read of the camera with what follows it.
-const WATCHDOG_US: u32 = 20_000_000;
 
 bind_interrupts!(struct Interrupts {
     DCMI => capture::LineEnd, dcmi::InterruptHandler<DCMI>;
@@ -70,6 +73,15 @@ static OUTGOING: ConstStaticCell<[u8; 2 * packet_bytes(GEOMETRY.width)]> =
     ConstStaticCell::new([0; 2 * packet_bytes(GEOMETRY.width)]);
 /// Incoming bytes, which nobody reads.
 static INCOMING: ConstStaticCell<[u8; 4]> = ConstStaticCell::new([0; 4]);
+
+/// The part's independent watchdog, which has a clock of its own.
+struct Iwdg(IndependentWatchdog<'static, IWDG1>);
+
+impl Watchdog for Iwdg {
+    fn feed(&mut self) {
+        self.0.pet();
+    }
+}
 
 #[entry]
 fn main() -> ! {
@@ -129,12 +141,13 @@ fn main() -> ! {
     let sink = SerialSink::new(serial, PACKET.take());
 
     let matcher = defmt::unwrap!(Matcher::new(&CONFIG, Portable, matcher_memory));
-    let mut session = defmt::unwrap!(Session::new(camera, matcher, sink, LINES.take()));
     let mut watchdog = IndependentWatchdog::new(board.IWDG1, WATCHDOG_US);
     watchdog.unleash();
+    let watchdog = Iwdg(watchdog);
+    let session = Session::with_watchdog(camera, matcher, sink, LINES.take(), watchdog);
+    let mut session = defmt::unwrap!(session);
     let mut begun = Instant::now();
     loop {
-        watchdog.pet();
         match session.step() {
             Ok(Event::FrameDone { frame }) => {
                 let took = core::mem::replace(&mut begun, Instant::now()).elapsed();

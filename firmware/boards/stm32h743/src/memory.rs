@@ -30,18 +30,20 @@ pub fn take() -> (&'static mut [u32], &'static mut [u32]) {
     core.SCB.enable_icache();
     core.SCB.enable_dcache(&mut core.CPUID);
     // SAFETY: nobody else has them, as the core's peripherals are taken only once.
-    unsafe { (initialised(&MATCHER), initialised(&RAW_LINES)) }
+    unsafe {
+        (
+            initialised(MATCHER.get_ptr_len()),
+            initialised(RAW_LINES.get_ptr_len()),
+        )
+    }
 }
 
 /// # Safety
-/// Once for each cell.
-unsafe fn initialised<const N: usize>(
-    cell: &'static GroundedArrayCell<u32, N>,
-) -> &'static mut [u32] {
+/// These words are lent to nobody else.
+unsafe fn initialised((start, words): (*mut u32, usize)) -> &'static mut [u32] {
     // SAFETY: the caller's promise; every word is written before the slice exists.
     unsafe {
-        cell.initialize_all_copied(0);
-        let (start, words) = cell.get_ptr_len();
+        start.write_bytes(0, words);
         core::slice::from_raw_parts_mut(start, words)
     }
 }

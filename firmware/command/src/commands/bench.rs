@@ -5,7 +5,9 @@ use clap::Args;
 use rayon::prelude::*;
 use serde::{Serialize, Serializer};
 use vgstereo_core::preset::Preset;
+use vgstereo_emulated::Request;
 use vgstereo_emulated::meter::Stage;
+use vgstereo_emulated::request::HAMMING_CELLS;
 use vgstereo_sim::commands::{kib, progress_bar, table};
 
 use super::EmulatedSelection;
@@ -31,11 +33,16 @@ const CASES: [(Board, u32, u32, u16, &[Preset]); 5] = [
     (RISCV_VIRT_ZBB, 320, 240, 48, &[Preset::Lite, Preset::Micro]),
 ];
 
+/// Name of the rows of the Hamming stage alone: of 64 cells, without masks and levels.
+pub const HAMMING: &str = "hamming-64";
+const _: () = assert!(HAMMING_CELLS == 64);
+
 /// Arguments of `bench`.
 #[derive(Debug, Args)]
 #[command(
     after_help = "On the built-in scene in grey, one frame. The emulator counts instructions, not \
-    cycles; every run gives the same numbers. Frames per second = clock in Hz x instructions per \
+    cycles; every run gives the same numbers. The rows hamming-64 are of that stage alone: distances \
+    of 64-bit patterns, without masks and levels, within the pipeline of lite. Frames per second = clock in Hz x instructions per \
     cycle / (instructions per pixel and disparity x width x height x disparities)."
 )]
 pub struct Bench {
@@ -51,7 +58,7 @@ pub struct Bench {
 pub struct Row {
     /// The board.
     pub board: &'static str,
-    /// The preset.
+    /// The preset, or [`HAMMING`].
     pub preset: &'static str,
     /// Columns, px.
     pub width: u32,
@@ -61,7 +68,7 @@ pub struct Row {
     pub disparities: u16,
     /// Instructions of a frame, camera and sink left out, per pixel and disparity.
     pub instructions_per_pixel_disparity: f64,
-    /// The same of each stage.
+    /// The same of each stage that is counted.
     #[serde(serialize_with = "as_map")]
     pub stages: Vec<(&'static str, f64)>,
     /// Statics, and what matcher and session take of the lent memory.
@@ -95,16 +102,21 @@ impl Bench {
             for &(of, width, height, disparities, presets) in &CASES {
                 if of == board {
                     let pair = Pair::rendered(width, height, disparities);
-                    let presets = presets.iter();
-                    cases.extend(presets.map(|&p| (board, firmware.clone(), pair.clone(), p)));
+                    let presets = presets.iter().map(|&preset| (preset, false));
+                    for (preset, hamming_alone) in presets.chain([(Preset::Lite, true)]) {
+                        let request = Request {
+                            hamming_alone,
+                            ..pair.request(preset, 1, &[])?
+                        };
+                        cases.push((board, firmware.clone(), pair.clone(), request));
+                    }
                 }
             }
         }
         let bar = progress_bar(cases.len() as u64, "counting instructions");
         let rows: Result<Vec<Row>> = cases
             .into_par_iter()
-            .map(|(board, firmware, pair, preset)| {
-                let request = pair.request(preset, 1, &[])?;
+            .map(|(board, firmware, pair, request)| {
                 let clock = Clock::Instructions;
                 let (_, report) = emulator::run(&board, &firmware, &pair, &request, clock)?;
                 let sizes = Sizes::read(&firmware)?;
@@ -114,14 +126,20 @@ impl Bench {
                 let stages: Vec<_> = Stage::ALL
                     .into_iter()
                     .zip(report.instructions)
-                    .filter(|&(stage, _)| stage != Stage::Files)
+                    .filter(|&(stage, _)| match request.hamming_alone {
+                        true => stage == Stage::Hamming,
+                        false => stage != Stage::Files,
+                    })
                     .collect();
                 let total: u64 = stages.iter().map(|&(_, instructions)| instructions).sum();
                 let each = |instructions: u64| thousandths(instructions as f64 / all);
                 bar.inc(1);
                 Ok(Row {
                     board: board.name,
-                    preset: preset.name(),
+                    preset: match request.hamming_alone {
+                        true => HAMMING,
+                        false => request.preset.name(),
+                    },
                     width,
                     height,
                     disparities,
@@ -174,7 +192,10 @@ fn as_text(rows: &[Row]) -> String {
             format!("{}x{}x{}", row.width, row.height, row.disparities),
             format!("{:.1}", row.instructions_per_pixel_disparity),
         ];
-        cells.extend(row.stages.iter().map(|(_, each)| format!("{each:.1}")));
+        for stage in Stage::ALL.iter().filter(|&&stage| stage != Stage::Files) {
+            let counted = row.stages.iter().find(|(name, _)| *name == stage.name());
+            cells.push(counted.map_or_else(String::new, |(_, each)| format!("{each:.1}")));
+        }
         let kib = |bytes: u64| usize::try_from(bytes).map_or_else(|_| String::new(), kib);
         cells.extend([
             format!("{per_line:.0}"),

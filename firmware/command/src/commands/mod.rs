@@ -4,7 +4,7 @@ use anyhow::Result;
 use clap::{Args, Parser, Subcommand};
 
 use crate::board::{Board, UnknownBoard};
-use crate::build::build;
+use crate::build::{build, lint};
 use crate::toolchain::{ensure_complete, install, needs};
 use vgstereo_sim::commands::table;
 
@@ -28,6 +28,8 @@ enum Verb {
     Setup(Setup),
     /// Build the firmware as it is released.
     Build(Selection),
+    /// Check the boards' crates with clippy; a warning is an error.
+    Lint(Selection),
     /// Run a board on a pair of images and write its disparity map.
     Run(run::Run),
     /// Compare boards with the host, byte for byte, with every preset that fits.
@@ -94,6 +96,17 @@ impl CommandLine {
                 let mut text = String::new();
                 for board in boards {
                     text += &format!("{}: {}\n", board.name, build(&board)?.display());
+                }
+                Ok(text)
+            }
+            Verb::Lint(selection) => {
+                let mut boards = selection.boards();
+                // Flags of the compiler do not change what there is to lint.
+                boards.dedup_by_key(|board| board.folder);
+                let mut text = String::new();
+                for board in boards {
+                    lint(&board)?;
+                    text += &format!("{}: no warnings\n", board.name);
                 }
                 Ok(text)
             }
