@@ -82,10 +82,13 @@ fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const M
         let levels = run.levels[0].get(run.start + first..).unwrap_or_default();
         let pixels = costs.chunks_exact_mut(stride).zip(cell_costs).zip(levels);
         for (x, ((costs, &cell_cost), &level)) in pixels.enumerate() {
-            let pixel = |plane: &[u8; PIXELS]| splat_u8(plane[x % PIXELS]);
-            let input: [u32; BYTES] = from_fn(|byte| pixel(&inputs[byte]));
-            let mask: [u32; BYTES] = from_fn(|byte| pixel(&masks[byte]));
-            let (level, cell_cost) = (splat_u8(level), u32::from(cell_cost));
+            let splat = |plane: &[u8; PIXELS]| splat_u8(plane[x % PIXELS]);
+            let pixel = Pixel::<BYTES> {
+                input: from_fn(|byte| splat(&inputs[byte])),
+                mask: from_fn(|byte| splat(&masks[byte])),
+                cell_cost: cell_cost.into(),
+                level: splat_u8(level),
+            };
             let mut at = run.first_position - (first + x) - lowest;
             for block in costs.as_chunks_mut::<BLOCK>().0 {
                 // The bound is above all positions that there are.
@@ -94,24 +97,19 @@ fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const M
                 let Some(tile) = tile.and_then(<[u8]>::first_chunk::<TILE>) else {
                     break;
                 };
-                let block = block.as_chunks_mut().0;
-                unrolled::<{ BLOCK / 4 }>(|word| {
-                    let load = |row: usize| load_at(tile, row * POSITIONS + 4 * word);
-                    let count = count::<BYTES>(|byte| {
-                        let differ = load(byte) ^ input[byte];
-                        if MASKED { differ & mask[byte] } else { differ }
-                    });
-                    let cells = if MASKED {
-                        rounded(count, cell_cost)
-                    } else {
-                        count * (cell_cost >> 8)
-                    };
-                    let levels = [load(BYTES), load(BYTES + 1)];
-                    let cost = in_order(weighing.cost(cells, level, levels));
-                    if let Some(costs) = block.get_mut(word) {
-                        store(cost, costs);
+                if MASKED {
+                    // Two words share what is loaded of the pixel.
+                    for (pair, costs) in block.as_chunks_mut::<8>().0.iter_mut().enumerate() {
+                        pixel.write_costs::<2, TILE, true>(weighing, tile, 2 * pair, costs);
                     }
-                });
+                } else {
+                    let block = block.as_chunks_mut::<4>().0;
+                    unrolled::<{ BLOCK / 4 }>(|word| {
+                        if let Some(costs) = block.get_mut(word) {
+                            pixel.write_costs::<1, TILE, false>(weighing, tile, word, costs);
+                        }
+                    });
+                }
                 at += BLOCK;
             }
             if run.disparities < stride
@@ -119,6 +117,47 @@ fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const M
             {
                 beyond.fill(NO_COST);
             }
+        }
+    }
+}
+
+/// What is known of a pixel, each byte four times.
+struct Pixel<const BYTES: usize> {
+    input: [u32; BYTES],
+    mask: [u32; BYTES],
+    cell_cost: u32,
+    level: u32,
+}
+
+impl<const BYTES: usize> Pixel<BYTES> {
+    /// Writes the costs of so many words of a tile, from `first` on.
+    #[inline(always)]
+    fn write_costs<const WORDS: usize, const TILE: usize, const MASKED: bool>(
+        &self,
+        weighing: &Weighing,
+        tile: &[u8; TILE],
+        first: usize,
+        costs: &mut [u8],
+    ) {
+        let row = |row: usize| -> [u32; WORDS] {
+            from_fn(|word| load_at(tile, row * POSITIONS + 4 * (first + word)))
+        };
+        let counts = count::<BYTES, WORDS>(|byte| {
+            let (input, mask) = (self.input[byte], self.mask[byte]);
+            row(byte).map(|stored| {
+                let differ = stored ^ input;
+                if MASKED { differ & mask } else { differ }
+            })
+        });
+        let [low, high] = [row(BYTES), row(BYTES + 1)];
+        for (word, costs) in costs.as_chunks_mut().0.iter_mut().take(WORDS).enumerate() {
+            let cells = if MASKED {
+                rounded(counts[word], self.cell_cost)
+            } else {
+                counts[word] * (self.cell_cost >> 8)
+            };
+            let cost = weighing.cost(cells, self.level, [low[word], high[word]]);
+            store(in_order(cost), costs);
         }
     }
 }
@@ -209,39 +248,55 @@ fn rounded(counts: u32, cost_q8: u32) -> u32 {
     odd_bytes(even) | odd & 0xff00_ff00
 }
 
-/// Counts the bits of each byte over `BYTES` words.
+/// Counts the bits of each byte over `BYTES` rows of words.
 #[inline(always)]
-fn count<const BYTES: usize>(word: impl Fn(usize) -> u32) -> u32 {
+fn count<const BYTES: usize, const WORDS: usize>(
+    row: impl Fn(usize) -> [u32; WORDS],
+) -> [u32; WORDS] {
     match BYTES {
         4 => {
-            let (ones, twos) = add(word(0), word(1), word(2));
-            // At most 8 in two nibbles of twos.
-            let twos = nibbles(twos);
-            let twos = (twos + (twos >> 4)) & 0x0f0f_0f0f;
-            bytes_of(nibbles(ones) + nibbles(word(3))) + 2 * twos
+            let (ones, twos) = add(row(0), row(1), row(2));
+            let last = row(3);
+            from_fn(|i| {
+                // At most 8 in two nibbles of twos.
+                let twos = nibbles(twos[i]);
+                let twos = (twos + (twos >> 4)) & 0x0f0f_0f0f;
+                bytes_of(nibbles(ones[i]) + nibbles(last[i])) + 2 * twos
+            })
         }
         6 => {
-            let (ones, twos_a) = add(word(0), word(1), word(2));
-            let (ones, twos_b) = add(ones, word(3), word(4));
-            bytes_of(nibbles(ones) + nibbles(word(5)))
-                + 2 * bytes_of(nibbles(twos_a) + nibbles(twos_b))
+            let (ones, twos_a) = add(row(0), row(1), row(2));
+            let (ones, twos_b) = add(ones, row(3), row(4));
+            let last = row(5);
+            from_fn(|i| {
+                bytes_of(nibbles(ones[i]) + nibbles(last[i]))
+                    + 2 * bytes_of(nibbles(twos_a[i]) + nibbles(twos_b[i]))
+            })
         }
         8 => {
-            let (ones, twos_a) = add(word(0), word(1), word(2));
-            let (ones, twos_b) = add(ones, word(3), word(4));
-            let (ones, twos_c) = add(ones, word(5), word(6));
+            let (ones, twos_a) = add(row(0), row(1), row(2));
+            let (ones, twos_b) = add(ones, row(3), row(4));
+            let (ones, twos_c) = add(ones, row(5), row(6));
             let (twos, fours) = add(twos_a, twos_b, twos_c);
-            bytes_of(nibbles(ones) + nibbles(word(7)))
-                + 2 * bytes_of(nibbles(twos) + 2 * nibbles(fours))
+            let last = row(7);
+            from_fn(|i| {
+                bytes_of(nibbles(ones[i]) + nibbles(last[i]))
+                    + 2 * bytes_of(nibbles(twos[i]) + 2 * nibbles(fours[i]))
+            })
         }
-        _ => 0,
+        _ => [0; WORDS],
     }
 }
 
 /// Adds three bits in every place: the sum's two bits.
 #[inline(always)]
-fn add(a: u32, b: u32, c: u32) -> (u32, u32) {
-    (a ^ b ^ c, a & b | (a ^ b) & c)
+fn add<const WORDS: usize>(
+    a: [u32; WORDS],
+    b: [u32; WORDS],
+    c: [u32; WORDS],
+) -> ([u32; WORDS], [u32; WORDS]) {
+    let ones = from_fn(|i| a[i] ^ b[i] ^ c[i]);
+    (ones, from_fn(|i| a[i] & b[i] | (a[i] ^ b[i]) & c[i]))
 }
 
 /// Bits of every four.
