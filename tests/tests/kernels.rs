@@ -10,7 +10,9 @@ use vgstereo_chip_kernels::Armv7em;
 use vgstereo_core::aggregation::{AggregateRow, path_scratch_bytes};
 use vgstereo_core::disparity::INVALID;
 use vgstereo_core::kernel::{Kernels, Portable};
-use vgstereo_core::matching::{CostRun, MASK_LANES, MAX_CHANNELS, MaskBlock, NO_COST, cost_stride};
+use vgstereo_core::matching::{
+    CostRun, LevelConversion, MASK_LANES, MAX_CHANNELS, MaskBlock, NO_COST, cost_stride,
+};
 use vgstereo_core::minchinton::{CELLS_PER_BYTE, PatternRow, Planes};
 use vgstereo_core::refine::{ArmsRow, WeightedMedianRow, arms_scratch_bytes};
 use vgstereo_sim::kernels::HostKernels;
@@ -245,6 +247,23 @@ fn cells(kernels: impl Kernels, width: usize, seed: u64) -> Vec<u8> {
     packed
 }
 
+/// Levels less and more the dead zone.
+fn converted(kernels: impl Kernels, width: usize, seed: u64) -> [Vec<u8>; 2] {
+    let mut random = Pcg32::seed_from_u64(seed);
+    let conversion = LevelConversion {
+        gain_q12: (1 << 10) + below(&mut random, 15 << 10) as i32,
+        offset_q12: below(&mut random, 1 << 22) as i32 - (1 << 21),
+        dead_zone: (random.next_u32() as u8) >> below(&mut random, 8),
+    };
+    let mut levels = levels(&mut random, width);
+    for end in [0, u8::MAX] {
+        levels[below(&mut random, width)] = end;
+    }
+    let (mut low, mut high) = (vec![1; width], vec![2; width]);
+    kernels.convert_row(&conversion, &levels, &mut low, &mut high);
+    [low, high]
+}
+
 fn costs(
     kernels: impl Kernels,
     (width, disparities, bytes, channels): (usize, usize, usize, usize),
@@ -412,6 +431,15 @@ proptest! {
             prop_assert_eq!(&cells(kernels, width, seed), &expected, "{}", kernels.name());
         }
         prop_assert_eq!(&cells(Armv7em, width, seed), &expected, "Armv7em");
+    }
+
+    #[test]
+    fn conversions_are_alike(width in 1_usize..80, seed in any::<u64>()) {
+        let expected = converted(Portable, width, seed);
+        for kernels in HostKernels::available() {
+            prop_assert_eq!(&converted(kernels, width, seed), &expected, "{}", kernels.name());
+        }
+        prop_assert_eq!(&converted(Armv7em, width, seed), &expected, "Armv7em");
     }
 
     #[test]

@@ -9,6 +9,7 @@
 
 mod aggregate;
 mod arms;
+mod convert;
 mod cost;
 mod mask;
 mod median9;
@@ -19,7 +20,7 @@ mod weighted_median;
 
 use vgstereo_core::aggregation::AggregateRow;
 use vgstereo_core::kernel::Kernels;
-use vgstereo_core::matching::{CostRun, MaskBlock};
+use vgstereo_core::matching::{CostRun, LevelConversion, MaskBlock};
 use vgstereo_core::minchinton::CELLS_PER_BYTE;
 use vgstereo_core::refine::{ArmsRow, WeightedMedianRow};
 
@@ -29,6 +30,17 @@ use vgstereo_core::refine::{ArmsRow, WeightedMedianRow};
 pub struct Armv7em;
 
 impl Kernels for Armv7em {
+    #[inline]
+    fn convert_row(
+        &self,
+        conversion: &LevelConversion,
+        levels: &[u8],
+        low: &mut [u8],
+        high: &mut [u8],
+    ) {
+        convert::convert_row(conversion, levels, low, high);
+    }
+
     #[inline]
     fn pack_cells(&self, samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
         pack::pack_cells(samples, packed);

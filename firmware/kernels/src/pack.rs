@@ -3,7 +3,7 @@
 use vgstereo_core::kernel::pack_cells as portable;
 use vgstereo_core::minchinton::CELLS_PER_BYTE;
 
-use crate::simd::{halve_difference_u8x4, load, store};
+use crate::simd::{halve_difference_u8x4, in_order, load, store};
 
 /// Samples of a byte of cells.
 const SAMPLES: usize = CELLS_PER_BYTE + 1;
@@ -17,23 +17,17 @@ pub fn pack_cells(samples: &[&[u8]; SAMPLES], packed: &mut [u8]) {
     let quads = samples.map(|row| row.get(..common).unwrap_or_default().as_chunks().0);
     let (packed, _) = packed.split_at_mut(common);
     let (packed, rest) = packed.as_chunks_mut();
-    let [a, b, c, d, e, f, g, h, i] = quads.map(|quads| quads.iter().map(load));
+    let [a, b, c, d, e, f, g, h, i] = quads.map(<[_]>::iter);
     let neurons = a.zip(b).zip(c).zip(d).zip(e).zip(f).zip(g).zip(h).zip(i);
-    for (packed, ((((((((a, b), c), d), e), f), g), h), i)) in packed.iter_mut().zip(neurons) {
-        let pairs = [
-            (a, b),
-            (b, c),
-            (c, d),
-            (d, e),
-            (e, f),
-            (f, g),
-            (g, h),
-            (h, i),
-        ];
-        let cells = pairs.iter().fold(0, |cells, &(own, partner)| {
+    for (packed, ((((((((first, b), c), d), e), f), g), h), i)) in packed.iter_mut().zip(neurons) {
+        let (mut cells, mut own) = (0, load(first));
+        for partner in [b, c, d, e, f, g, h, i] {
+            let partner = load(partner);
             // Below zero where the own sample is the greater.
-            cells >> 1 | halve_difference_u8x4(partner, own) & TOP_BITS
-        });
+            let cell = halve_difference_u8x4(partner, own) & TOP_BITS;
+            cells = in_order(cells >> 1 | cell);
+            own = partner;
+        }
         store(cells, packed);
     }
     if rest.is_empty() {
