@@ -94,7 +94,7 @@ fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const M
         let pixels = costs.chunks_exact_mut(stride).zip(cell_costs);
         for (x, (costs, &cell_cost)) in pixels.enumerate() {
             let four = |plane: &[u8; PIXELS]| splat_u8(plane[x % PIXELS]);
-            let pixel = Pixel::<BYTES> {
+            let pixel = Pixel::<BYTES, MASKED> {
                 input: from_fn(|byte| four(&inputs[byte])),
                 mask: from_fn(|byte| four(&masks[byte])),
                 level: four(&levels),
@@ -108,20 +108,13 @@ fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const M
                 let Some(tile) = tile.and_then(<[u8]>::first_chunk::<TILE>) else {
                     break;
                 };
-                if MASKED {
-                    // Two words share what is loaded of the pixel.
-                    for (pair, costs) in block.as_chunks_mut::<8>().0.iter_mut().enumerate() {
-                        pixel.write_costs::<2, ROWS, TILE, true>(weighing, tile, 2 * pair, costs);
-                    }
-                } else {
-                    let [a, b, c, d] = block.as_chunks_mut::<4>().0 else {
-                        break;
-                    };
-                    pixel.write_costs::<1, ROWS, TILE, false>(weighing, tile, 0, a);
-                    pixel.write_costs::<1, ROWS, TILE, false>(weighing, tile, 1, b);
-                    pixel.write_costs::<1, ROWS, TILE, false>(weighing, tile, 2, c);
-                    pixel.write_costs::<1, ROWS, TILE, false>(weighing, tile, 3, d);
-                }
+                let [first, second, third, fourth] = block.as_chunks_mut().0 else {
+                    break;
+                };
+                store(pixel.costs::<ROWS, TILE, 0>(tile, weighing), first);
+                store(pixel.costs::<ROWS, TILE, 1>(tile, weighing), second);
+                store(pixel.costs::<ROWS, TILE, 2>(tile, weighing), third);
+                store(pixel.costs::<ROWS, TILE, 3>(tile, weighing), fourth);
                 at += BLOCK;
             }
             if run.disparities < stride
@@ -133,52 +126,41 @@ fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const M
     }
 }
 
-/// What is known of a pixel, each byte four times.
-struct Pixel<const BYTES: usize> {
+/// A pixel, four times side by side.
+struct Pixel<const BYTES: usize, const MASKED: bool> {
     input: [u32; BYTES],
     mask: [u32; BYTES],
-    cell_cost: u32,
     level: u32,
+    cell_cost: u32,
 }
 
-impl<const BYTES: usize> Pixel<BYTES> {
-    /// Writes the costs of so many words of a tile, from `first` on.
+impl<const BYTES: usize, const MASKED: bool> Pixel<BYTES, MASKED> {
+    /// Costs of four disparities: those of word `WORD` of the block.
     #[inline(always)]
-    fn write_costs<const WORDS: usize, const ROWS: usize, const TILE: usize, const MASKED: bool>(
+    fn costs<const ROWS: usize, const TILE: usize, const WORD: usize>(
         &self,
-        weighing: &Weighing,
         tile: &[u8; TILE],
-        first: usize,
-        costs: &mut [u8],
-    ) {
-        let row = |row: usize| -> [u32; WORDS] {
-            from_fn(|word| load_at(tile, row * POSITIONS + 4 * (first + word)))
-        };
-        let counts = count::<BYTES, WORDS>(|byte| {
-            let (input, mask) = (self.input[byte], self.mask[byte]);
-            row(byte).map(|stored| {
-                let differ = stored ^ input;
-                if MASKED { differ & mask } else { differ }
-            })
+        weighing: &Weighing,
+    ) -> u32 {
+        let load = |row: usize| load_at(tile, row * POSITIONS + 4 * WORD);
+        let count = count::<BYTES>(|byte| {
+            let differ = load(byte) ^ self.input[byte];
+            if MASKED {
+                differ & self.mask[byte]
+            } else {
+                differ
+            }
         });
-        let levels = if BYTES < ROWS {
-            [row(BYTES), row(BYTES + 1)]
+        let cells = if MASKED {
+            rounded(count, self.cell_cost)
         } else {
-            [[0; WORDS]; 2]
+            count * (self.cell_cost >> 8)
         };
-        for (word, costs) in costs.as_chunks_mut().0.iter_mut().take(WORDS).enumerate() {
-            let cells = if MASKED {
-                rounded(counts[word], self.cell_cost)
-            } else {
-                counts[word] * (self.cell_cost >> 8)
-            };
-            let cost = if BYTES < ROWS {
-                weighing.cost(cells, self.level, levels.map(|row| row[word]))
-            } else {
-                min_u8x4(cells, weighing.hamming_truncation)
-            };
-            store(in_order(cost), costs);
-        }
+        in_order(if BYTES < ROWS {
+            weighing.cost(cells, self.level, [load(BYTES), load(BYTES + 1)])
+        } else {
+            min_u8x4(cells, weighing.hamming_truncation)
+        })
     }
 }
 
@@ -269,55 +251,39 @@ fn rounded(counts: u32, cost_q8: u32) -> u32 {
     odd_bytes(even) | odd & 0xff00_ff00
 }
 
-/// Counts the bits of each byte over `BYTES` rows of words.
+/// Counts the bits of each byte over `BYTES` words.
 #[inline(always)]
-fn count<const BYTES: usize, const WORDS: usize>(
-    row: impl Fn(usize) -> [u32; WORDS],
-) -> [u32; WORDS] {
+fn count<const BYTES: usize>(word: impl Fn(usize) -> u32) -> u32 {
     match BYTES {
         4 => {
-            let (ones, twos) = add(row(0), row(1), row(2));
-            let last = row(3);
-            from_fn(|i| {
-                // At most 8 in two nibbles of twos.
-                let twos = nibbles(twos[i]);
-                let twos = (twos + (twos >> 4)) & 0x0f0f_0f0f;
-                bytes_of(nibbles(ones[i]) + nibbles(last[i])) + 2 * twos
-            })
+            let (ones, twos) = add(word(0), word(1), word(2));
+            // At most 8 in two nibbles of twos.
+            let twos = nibbles(twos);
+            let twos = (twos + (twos >> 4)) & 0x0f0f_0f0f;
+            bytes_of(nibbles(ones) + nibbles(word(3))) + 2 * twos
         }
         6 => {
-            let (ones, twos_a) = add(row(0), row(1), row(2));
-            let (ones, twos_b) = add(ones, row(3), row(4));
-            let last = row(5);
-            from_fn(|i| {
-                bytes_of(nibbles(ones[i]) + nibbles(last[i]))
-                    + 2 * bytes_of(nibbles(twos_a[i]) + nibbles(twos_b[i]))
-            })
+            let (ones, twos_a) = add(word(0), word(1), word(2));
+            let (ones, twos_b) = add(ones, word(3), word(4));
+            bytes_of(nibbles(ones) + nibbles(word(5)))
+                + 2 * bytes_of(nibbles(twos_a) + nibbles(twos_b))
         }
         8 => {
-            let (ones, twos_a) = add(row(0), row(1), row(2));
-            let (ones, twos_b) = add(ones, row(3), row(4));
-            let (ones, twos_c) = add(ones, row(5), row(6));
+            let (ones, twos_a) = add(word(0), word(1), word(2));
+            let (ones, twos_b) = add(ones, word(3), word(4));
+            let (ones, twos_c) = add(ones, word(5), word(6));
             let (twos, fours) = add(twos_a, twos_b, twos_c);
-            let last = row(7);
-            from_fn(|i| {
-                bytes_of(nibbles(ones[i]) + nibbles(last[i]))
-                    + 2 * bytes_of(nibbles(twos[i]) + 2 * nibbles(fours[i]))
-            })
+            bytes_of(nibbles(ones) + nibbles(word(7)))
+                + 2 * bytes_of(nibbles(twos) + 2 * nibbles(fours))
         }
-        _ => [0; WORDS],
+        _ => 0,
     }
 }
 
 /// Adds three bits in every place: the sum's two bits.
 #[inline(always)]
-fn add<const WORDS: usize>(
-    a: [u32; WORDS],
-    b: [u32; WORDS],
-    c: [u32; WORDS],
-) -> ([u32; WORDS], [u32; WORDS]) {
-    let ones = from_fn(|i| a[i] ^ b[i] ^ c[i]);
-    (ones, from_fn(|i| a[i] & b[i] | (a[i] ^ b[i]) & c[i]))
+fn add(a: u32, b: u32, c: u32) -> (u32, u32) {
+    (a ^ b ^ c, a & b | (a ^ b) & c)
 }
 
 /// Bits of every four.
