@@ -62,29 +62,37 @@ fn compare<const CHANNELS: usize>(block: &mut MaskBlock<'_>) {
     for (centre, levels) in centres.iter_mut().zip(&levels) {
         *centre = load_at(levels, block.centre);
     }
-    let Some(&last) = block.starts.first() else {
+    let Some(&first) = block.starts.first() else {
         return;
     };
     // A synapse's partner is the next; that of the last is the first.
-    let mut partner = _mm256_setzero_si256();
-    let synapses = cells.iter_mut().zip(block.starts);
-    let ends = [(None, last)].into_iter();
-    for (cell, start) in ends.chain(synapses.map(|(cell, &start)| (Some(cell), start)).rev()) {
-        let mut own = _mm256_setzero_si256();
-        for (centre, levels) in centres.iter().zip(&levels) {
-            let samples = load_at(levels, start as usize + block.first);
-            // One of the two is 0.
-            let difference = _mm256_or_si256(
-                _mm256_subs_epu8(*centre, samples),
-                _mm256_subs_epu8(samples, *centre),
-            );
-            own = _mm256_adds_epu8(own, difference);
-        }
-        if let Some(cell) = cell {
-            store(cell, in_signed_order(_mm256_max_epu8(own, partner)));
-        }
+    let mut partner = difference(&levels, &centres, first as usize + block.first);
+    for (cell, &start) in cells.iter_mut().zip(block.starts).rev() {
+        let own = difference(&levels, &centres, start as usize + block.first);
+        store(cell, in_signed_order(_mm256_max_epu8(own, partner)));
         partner = own;
     }
+}
+
+/// Differences of the samples from `start` on from their pixels.
+#[target_feature(enable = "avx2")]
+#[inline]
+fn difference<const CHANNELS: usize>(
+    levels: &[&[u8]; CHANNELS],
+    centres: &[__m256i; CHANNELS],
+    start: usize,
+) -> __m256i {
+    let mut sum = _mm256_setzero_si256();
+    for (centre, levels) in centres.iter().zip(levels) {
+        let samples = load_at(levels, start);
+        // One of the two is 0.
+        let difference = _mm256_or_si256(
+            _mm256_subs_epu8(*centre, samples),
+            _mm256_subs_epu8(samples, *centre),
+        );
+        sum = _mm256_adds_epu8(sum, difference);
+    }
+    sum
 }
 
 /// How many cells of each pixel are within its threshold: of pixels with even places, and
