@@ -11,7 +11,7 @@ use vgstereo_boards::build::build;
 use vgstereo_boards::elf::Sizes;
 use vgstereo_boards::emulator::{self, Clock};
 use vgstereo_boards::pair::Pair;
-use vgstereo_boards::{host, panics, toolchain};
+use vgstereo_boards::{host, panics, stack, toolchain};
 use vgstereo_core::camera::PixelFormat;
 use vgstereo_core::preset::Preset;
 use vgstereo_firmware::faults::{Fault, FaultKind};
@@ -187,6 +187,7 @@ fn no_panic_in_the_pipeline(board: &Board) -> Result<(), Failed> {
 fn within_the_memory_promised(board: &Board) -> Result<(), Failed> {
     let firmware = build(board).map_err(text)?;
     let sizes = Sizes::read(&firmware).map_err(text)?;
+    let deepest_bytes = stack::deepest_bytes(&firmware).map_err(text)?;
     for (of, preset, width, disparities, kib) in RAM_KIB {
         if of != *board {
             continue;
@@ -200,6 +201,10 @@ fn within_the_memory_promised(board: &Board) -> Result<(), Failed> {
             sizes.statics_bytes + u64::from(report.working_bytes) + u64::from(report.stack_bytes);
         println!("{} {preset} {width}x{disparities}: {bytes} bytes", of.name);
         assert!(bytes <= kib * 1024, "{preset} {width}: {bytes} bytes");
+        // What was painted over is within what the compiler states.
+        if let Some(deepest_bytes) = deepest_bytes {
+            assert!(u64::from(report.stack_bytes) <= deepest_bytes, "{preset}");
+        }
     }
     Ok(())
 }

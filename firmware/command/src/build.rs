@@ -106,15 +106,7 @@ fn configure(command: &mut Command, board: &Board, toolchain: &Toolchain) {
     for variable in ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_BUILD_TARGET"] {
         command.env_remove(variable);
     }
-    if !board.compiler_flags.is_empty() {
-        let flags: Vec<_> = board
-            .compiler_flags
-            .iter()
-            .map(|f| format!("{f:?}"))
-            .collect();
-        let setting = format!("target.{}.rustflags=[{}]", board.target, flags.join(","));
-        command.args(["--config", &setting]);
-    }
+    let mut flags = board.compiler_flags.to_vec();
     if let Toolchain::Debian { linker } = toolchain {
         let setting = format!(
             "target.{}.linker={:?}",
@@ -125,5 +117,11 @@ fn configure(command: &mut Command, board: &Board, toolchain: &Toolchain) {
             .args(["-Zbuild-std=core", "--config", &setting])
             .env("RUSTC", "/usr/bin/rustc")
             .env("RUSTC_BOOTSTRAP", "1");
+        // Takes no flash.
+        flags.push("-Zemit-stack-sizes");
+    }
+    if !flags.is_empty() {
+        let setting = format!("target.{}.rustflags={flags:?}", board.target);
+        command.args(["--config", &setting]);
     }
 }

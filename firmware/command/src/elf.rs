@@ -1,11 +1,12 @@
-//! Sizes of what was linked.
+//! What was linked: sizes, functions, calls.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Context, Result};
 use object::elf::PT_LOAD;
-use object::read::elf::{ElfFile32, FileHeader, ProgramHeader};
-use object::{Object, ObjectSection, ObjectSymbol, SectionKind};
+use object::read::elf::{ElfFile32, ElfSymbol32, FileHeader, ProgramHeader};
+use object::{Object, ObjectSection, ObjectSymbol, RelocationTarget, SectionKind, SymbolKind};
 
 /// The symbol of the memory that a board lends.
 const LENT_MEMORY: &str = "lent_memory";
@@ -51,4 +52,33 @@ impl Sizes {
             lent_bytes,
         })
     }
+}
+
+/// Bit 0 of a function's address tells Thumb code.
+pub(crate) const fn code_address(address: u64) -> u64 {
+    address & !1
+}
+
+/// The names of all functions by their address.
+pub(crate) fn functions<'file>(file: &'file ElfFile32<'_>) -> BTreeMap<u64, &'file str> {
+    file.symbols()
+        .filter(|symbol| symbol.kind() == SymbolKind::Text && symbol.size() > 0)
+        .filter_map(|symbol| Some((code_address(symbol.address()), symbol.name().ok()?)))
+        .collect()
+}
+
+/// Where code refers to what, as the relocations tell that it was linked with: calls, and
+/// pointers to functions and data.
+pub(crate) fn calls<'data, 'file>(
+    file: &'file ElfFile32<'data>,
+) -> Result<Vec<(u64, ElfSymbol32<'data, 'file>)>> {
+    let mut calls = Vec::new();
+    for section in file.sections().filter(|s| s.kind() == SectionKind::Text) {
+        for (at, relocation) in section.relocations() {
+            if let RelocationTarget::Symbol(index) = relocation.target() {
+                calls.push((at, file.symbol_by_index(index)?));
+            }
+        }
+    }
+    Ok(calls)
 }

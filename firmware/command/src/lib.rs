@@ -16,4 +16,5 @@ pub mod host;
 pub mod log;
 pub mod pair;
 pub mod panics;
+pub mod stack;
 pub mod toolchain;

@@ -3,14 +3,16 @@
 //! The boards are linked with their relocations, which show every call, and with line
 //! tables, which tell what source a call was inlined from.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use addr2line::Context as Lines;
 use addr2line::gimli::{Dwarf, EndianSlice, LittleEndian};
 use anyhow::{Context, Result, ensure};
 use object::read::elf::ElfFile32;
-use object::{Object, ObjectSection, ObjectSymbol, RelocationTarget, SectionKind, SymbolKind};
+use object::{Object, ObjectSection, ObjectSymbol};
+
+use crate::elf;
 
 /// Sources of the pipeline.
 const PIPELINE: [&str; 2] = ["/core/src/", "/firmware/src/"];
@@ -95,29 +97,18 @@ fn calls(path: &Path) -> Result<Vec<Call>> {
         object::Result::Ok(EndianSlice::new(bytes, LittleEndian))
     })?;
     let lines = Lines::from_dwarf(dwarf)?;
-    let functions: BTreeMap<u64, &str> = file
-        .symbols()
-        .filter(|symbol| symbol.kind() == SymbolKind::Text && symbol.size() > 0)
-        // Bit 0 tells Thumb code.
-        .filter_map(|symbol| Some((symbol.address() & !1, symbol.name().ok()?)))
-        .collect();
+    let functions = elf::functions(&file);
     let mut calls = Vec::new();
-    for section in file.sections().filter(|s| s.kind() == SectionKind::Text) {
-        for (at, relocation) in section.relocations() {
-            let RelocationTarget::Symbol(index) = relocation.target() else {
-                continue;
-            };
-            let target = file.symbol_by_index(index)?;
-            let from = functions.range(..=at).next_back();
-            let (Ok(to), Some((_, from))) = (target.name(), from) else {
-                continue;
-            };
-            calls.push(Call {
-                from: (*from).to_owned(),
-                to: to.to_owned(),
-                lines: source_lines(&lines, at)?,
-            });
-        }
+    for (at, target) in elf::calls(&file)? {
+        let from = functions.range(..=at).next_back();
+        let (Ok(to), Some((_, from))) = (target.name(), from) else {
+            continue;
+        };
+        calls.push(Call {
+            from: (*from).to_owned(),
+            to: to.to_owned(),
+            lines: source_lines(&lines, at)?,
+        });
     }
     Ok(calls)
 }

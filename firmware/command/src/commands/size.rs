@@ -8,6 +8,7 @@ use vgstereo_sim::commands::table;
 use super::Selection;
 use crate::build::build;
 use crate::elf::Sizes;
+use crate::stack::deepest_bytes;
 use crate::toolchain::ensure_complete;
 
 /// Arguments of `size`.
@@ -26,6 +27,8 @@ struct Row {
     flash_bytes: u64,
     statics_bytes: u64,
     lent_bytes: usize,
+    /// As far as the compiler states frames.
+    deepest_stack_bytes: Option<u64>,
 }
 
 #[derive(Debug, Serialize)]
@@ -43,18 +46,26 @@ impl Size {
         ensure_complete(&selected)?;
         let mut boards = Vec::new();
         for board in selected {
-            let sizes = Sizes::read(&build(&board)?)?;
+            let firmware = build(&board)?;
+            let sizes = Sizes::read(&firmware)?;
             boards.push(Row {
                 board: board.name,
                 flash_bytes: sizes.flash_bytes,
                 statics_bytes: sizes.statics_bytes,
                 lent_bytes: sizes.lent_bytes,
+                deepest_stack_bytes: deepest_bytes(&firmware)?,
             });
         }
         if self.json {
             return Ok(format!("{}\n", serde_json::to_string(&Rows { boards })?));
         }
-        let header = ["board", "flash", "statics", "lent to the matcher"];
+        let header = [
+            "board",
+            "flash",
+            "statics",
+            "lent to the matcher",
+            "deepest stack",
+        ];
         let mut table = table(&header, 1);
         for row in boards {
             table.add_row([
@@ -62,10 +73,13 @@ impl Size {
                 row.flash_bytes.to_string(),
                 row.statics_bytes.to_string(),
                 row.lent_bytes.to_string(),
+                row.deepest_stack_bytes
+                    .map_or_else(|| "not stated".into(), |b| b.to_string()),
             ]);
         }
         Ok(format!(
-            "{table}\nbytes; of emulated boards flash holds every preset, and the emulator's files and reports\n"
+            "{table}\nbytes; of emulated boards flash holds every preset, and the emulator's files and reports\n\
+            deepest stack: the compiler's frames along the deepest chain of calls, those by pointers left out\n"
         ))
     }
 }

@@ -1,0 +1,71 @@
+//! The worst stack by the compiler's word: frames along the deepest chain of calls.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use addr2line::gimli::{EndianSlice, LittleEndian, Reader};
+use anyhow::{Context, Result};
+use object::read::elf::ElfFile32;
+use object::{Object, ObjectSection, ObjectSymbol};
+
+use crate::elf;
+
+/// Where the compiler states the frame of each function, if it is asked to.
+const FRAMES: &str = ".stack_sizes";
+
+/// Most bytes of stack along any chain of calls. A call by a pointer is in none: text is
+/// formatted by such, the pipeline has none. A function within itself counts once: only a
+/// panic is. None if the frames are not stated: for that the compiler must take unstable
+/// options.
+///
+/// # Errors
+/// When the file cannot be read.
+pub fn deepest_bytes(path: &Path) -> Result<Option<u64>> {
+    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let file: ElfFile32 = ElfFile32::parse(&*bytes)
+        .with_context(|| format!("{} is not a 32-bit ELF file", path.display()))?;
+    let Some(section) = file.section_by_name(FRAMES) else {
+        return Ok(None);
+    };
+    let mut stated = EndianSlice::new(section.data()?, LittleEndian);
+    let mut frames = BTreeMap::new();
+    while !stated.is_empty() {
+        let function = elf::code_address(stated.read_u32()?.into());
+        frames.insert(function, stated.read_uleb128()?);
+    }
+    let functions = elf::functions(&file);
+    let mut callees: BTreeMap<u64, Vec<u64>> = BTreeMap::new();
+    for (at, target) in elf::calls(&file)? {
+        let to = elf::code_address(target.address());
+        if let Some((&from, _)) = functions.range(..=at).next_back()
+            && functions.contains_key(&to)
+        {
+            callees.entry(from).or_default().push(to);
+        }
+    }
+    let mut depths = BTreeMap::new();
+    let deepest = functions
+        .keys()
+        .map(|&function| depth(function, &frames, &callees, &mut depths));
+    Ok(deepest.max())
+}
+
+/// Bytes of a function's frame and of the deepest chain below it.
+fn depth(
+    function: u64,
+    frames: &BTreeMap<u64, u64>,
+    callees: &BTreeMap<u64, Vec<u64>>,
+    depths: &mut BTreeMap<u64, u64>,
+) -> u64 {
+    if let Some(&known) = depths.get(&function) {
+        return known;
+    }
+    // Until it is known: whoever calls it from below adds nothing.
+    depths.insert(function, 0);
+    let below = callees.get(&function).into_iter().flatten();
+    let below = below.map(|&callee| depth(callee, frames, callees, depths));
+    // What is written in assembly states no frame; it has none worth counting.
+    let depth = frames.get(&function).unwrap_or(&0) + below.max().unwrap_or(0);
+    depths.insert(function, depth);
+    depth
+}
