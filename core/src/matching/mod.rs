@@ -10,6 +10,7 @@
 //! makes costs of the distances: over the cells on the pixel's surface (mask), with a
 //! difference of levels in the reference camera's exposure (exposure, cost).
 
+mod channels;
 mod cost;
 mod exposure;
 mod hamming;
@@ -19,6 +20,7 @@ mod sampler;
 mod surface;
 mod winner;
 
+pub use channels::ChannelStrips;
 pub use cost::{CostRun, MAX_CHANNELS, NO_COST, cost_run, cost_stride};
 pub use exposure::{LevelConversion, convert_row};
 pub use hamming::{LANES, NO_DISTANCE, distances};
