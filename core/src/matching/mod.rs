@@ -16,6 +16,7 @@ mod exposure;
 mod hamming;
 mod mask;
 mod row;
+mod row_masks;
 mod sampler;
 mod surface;
 mod winner;
@@ -26,6 +27,7 @@ pub use exposure::{LevelConversion, convert_row};
 pub use hamming::{LANES, NO_DISTANCE, distances};
 pub use mask::{MASK_LANES, MaskBlock, mask_block};
 pub use row::RowMatcher;
+pub use row_masks::{BlockMasks, RowMasks, SurfaceMasks};
 pub use surface::SurfaceMatcher;
 pub use winner::{Nearest, best, nearest, nth_at};
 

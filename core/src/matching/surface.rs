@@ -1,11 +1,10 @@
 //! The aggregating half of the matcher: pairs of lines in, rows of checked disparities out.
 
-use core::num::NonZeroU8;
-
 use super::channels::{ChannelStrips, ChannelsSize};
 use super::cost::{CostRun, MAX_CHANNELS, cost_stride};
 use super::exposure::Exposure;
-use super::mask::{MASK_LANES, MaskBlock};
+use super::mask::MASK_LANES;
+use super::row_masks::{RowMasks, SurfaceMasks};
 use super::sampler::{Sampler, SamplerSize, in_roles};
 use crate::aggregation::{AggregateRow, RowCheck, path_scratch_bytes};
 use crate::config::{Aggregation, Config, ConfigError};
@@ -14,7 +13,7 @@ use crate::kernel::Kernels;
 use crate::memory::{Arena, OutOfMemory, words};
 use crate::minchinton::{CELLS_PER_BYTE, Planes};
 use crate::strip::{Order, Strip};
-use crate::synapse::{Offset, Synapses};
+use crate::synapse::Synapses;
 
 /// Most pixels of a run of costs without masks.
 const RUN_LANES: usize = 128;
@@ -22,14 +21,15 @@ const RUN_LANES: usize = 128;
 /// Pairs of lines in, one row of disparities out, `support.y_px` lines later; in the order
 /// in which the reference view is stored.
 #[derive(Debug)]
-pub struct SurfaceMatcher<'m, K> {
+pub struct SurfaceMatcher<'m, K, M = SurfaceMasks<'m, K>> {
     kernels: K,
     sampler: Sampler<'m>,
     /// Without strips where grey is the only channel: those of the sampler serve.
     reference: ChannelStrips<'m>,
     other: ChannelStrips<'m>,
     exposure: Exposure,
-    masks: Option<Masks<'m>>,
+    /// `None` where every cell counts.
+    masks: Option<M>,
     /// By the number of cells that count, the cost of one of them, 1/256.
     cell_costs_q8: &'m mut [u16],
     other_low: &'m mut [u8],
@@ -51,14 +51,6 @@ pub struct SurfaceMatcher<'m, K> {
     config: Config,
 }
 
-#[derive(Debug)]
-struct Masks<'m> {
-    block: &'m mut [u8],
-    cells: &'m mut [u8],
-    /// Where in the strips the first pixel's samples are, by synapse.
-    starts: &'m mut [u32],
-}
-
 /// Geometry derived from a configuration.
 #[derive(Debug, Clone, Copy)]
 struct Sizes {
@@ -72,7 +64,6 @@ struct Sizes {
     depth: usize,
     padding: usize,
     colour: bool,
-    masked: bool,
 }
 
 impl Sizes {
@@ -129,7 +120,6 @@ impl Sizes {
             ),
             padding: max(support.x_px as usize, median_x),
             colour: parameters.colour && !config.format.is_grey(),
-            masked: parameters.kept_cells_q8 < 256,
         }
     }
 
@@ -211,12 +201,8 @@ impl SurfaceMatcher<'_, ()> {
         let width = sizes.width;
         let mut total = Sampler::memory_words(config, sizes.sampler(config))
             + ChannelStrips::memory_words(sizes.beside_sampler(sizes.reference(config)))
-            + ChannelStrips::memory_words(sizes.beside_sampler(sizes.other(config)));
-        if sizes.masked {
-            total += words(synapses / CELLS_PER_BYTE * MASK_LANES, 1)
-                + words(synapses * MASK_LANES, 1)
-                + words(synapses, size_of::<u32>());
-        }
+            + ChannelStrips::memory_words(sizes.beside_sampler(sizes.other(config)))
+            + SurfaceMasks::memory_words(config, parameters);
         if parameters.difference_weight_q4 > 0 {
             total += 2 * words(sizes.channels() * sizes.positions, 1);
         }
@@ -265,6 +251,26 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         kernels: K,
         arena: &mut Arena<'m>,
     ) -> Result<Self, ConfigError> {
+        let mut matcher = Self::with_masks(config, parameters, kernels, None, arena)?;
+        let synapses = matcher.synapses();
+        matcher.masks = SurfaceMasks::new(config, parameters, synapses, kernels, arena)?;
+        Ok(matcher)
+    }
+}
+
+impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
+    /// The same as `new`, but with masks from elsewhere, whose memory is not taken; `None`
+    /// where every cell counts.
+    ///
+    /// # Errors
+    /// [`ConfigError`] when `config` is not valid or the arena is too small.
+    pub fn with_masks(
+        config: &Config,
+        parameters: &Aggregation,
+        kernels: K,
+        masks: Option<M>,
+        arena: &mut Arena<'m>,
+    ) -> Result<Self, ConfigError> {
         config.validate()?;
         let sizes = Sizes::new(config, parameters);
         let synapses = usize::from(config.parameters.synapses);
@@ -275,15 +281,6 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         let reference = ChannelStrips::new(reference, order, arena)?;
         let other = sizes.beside_sampler(sizes.other(config));
         let other = ChannelStrips::new(other, other_order, arena)?;
-        let masks = if sizes.masked {
-            Some(Masks {
-                block: arena.take(synapses / CELLS_PER_BYTE * MASK_LANES)?,
-                cells: arena.take(synapses * MASK_LANES)?,
-                starts: arena.take(synapses)?,
-            })
-        } else {
-            None
-        };
         let levels = if parameters.difference_weight_q4 > 0 {
             sizes.channels() * sizes.positions
         } else {
@@ -431,72 +428,33 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
     fn compute_costs(&mut self, line: u32, sizes: &Sizes) {
         let parameters = &self.parameters;
         let synapses = self.config.parameters.synapses;
-        let cells = usize::from(synapses);
         let channels = channels_of(&self.reference, &self.sampler.reference);
-        // Floor and step are stated for the sum of three channels.
-        let (floor, step) = match channels.len() {
-            1 => (parameters.mask_floor / 3, parameters.mask_step.get() / 3),
-            _ => (parameters.mask_floor, parameters.mask_step.get()),
-        };
-        let step = NonZeroU8::new(step).unwrap_or(NonZeroU8::MIN);
-        // At least one cell, rounded up.
-        let kept = (u32::from(synapses) * u32::from(parameters.kept_cells_q8)).div_ceil(256);
         let levels = rows_of(channels, line);
-        let mut strips = [&[][..]; MAX_CHANNELS];
-        for (pixels, channel) in strips.iter_mut().zip(channels) {
-            *pixels = channel.window(line).pixels();
-        }
-        let window = channels.first().map(|channel| channel.window(line));
-        let start = |offset| Some(window?.start(offset, 0, sizes.width)? as u32);
         if let Some(masks) = &mut self.masks {
-            let offsets = self.sampler.synapses();
-            for (to, offset) in masks.starts.iter_mut().zip(offsets.iter()) {
-                // No support leaves the strip.
-                *to = start(offset).unwrap_or(0);
-            }
+            masks.begin(channels, line);
         }
-        let centre = start(Offset { dx: 0, dy: 0 }).unwrap_or(0) as usize;
         let cost_of = |count: u16| self.cell_costs_q8.get(usize::from(count)).copied();
         let mut cell_costs_q8 = [cost_of(synapses).unwrap_or(0); RUN_LANES];
-        let longest = if sizes.masked { MASK_LANES } else { RUN_LANES };
+        let longest = match self.masks {
+            Some(_) => MASK_LANES,
+            None => RUN_LANES,
+        };
         for start in (0..sizes.width).step_by(longest) {
             let lanes = longest.min(sizes.width - start);
             // Masks of the last block are made of a whole one that overlaps with the one before.
             let first = start.min(sizes.width.saturating_sub(MASK_LANES));
-            let (skipped, masked) = (start - first, MASK_LANES.min(sizes.width));
+            let skipped = start - first;
             let mut masks = Planes::NONE;
-            if let Some(Masks {
-                block,
-                cells: differences,
-                starts,
-            }) = &mut self.masks
-                && let Some(differences) = differences.get_mut(..cells * masked)
-                && let Some(block) = block.get_mut(..cells / CELLS_PER_BYTE * masked)
-            {
-                let mut task = MaskBlock {
-                    levels: strips,
-                    channels: channels.len(),
-                    centre: centre + first,
-                    starts,
-                    first,
-                    lanes: masked,
-                    // At most the number of synapses.
-                    kept: kept.max(1) as u16,
-                    floor,
-                    step,
-                    cells: differences,
-                    masks: block,
-                    counts: [0; MASK_LANES],
-                };
-                self.kernels.mask_block(&mut task);
-                let counts = task.counts.iter().skip(skipped);
+            if let Some(source) = &mut self.masks {
+                let block = source.block(channels, first);
+                let counts = block.counts.iter().skip(skipped);
                 for (cost, &count) in cell_costs_q8.iter_mut().zip(counts) {
                     *cost = cost_of(count).unwrap_or(0);
                 }
                 masks = Planes {
-                    bytes: block.get(skipped..).unwrap_or_default(),
-                    stride: masked,
-                    count: cells / CELLS_PER_BYTE,
+                    bytes: block.masks.get(skipped..).unwrap_or_default(),
+                    stride: MASK_LANES.min(sizes.width),
+                    count: usize::from(synapses) / CELLS_PER_BYTE,
                 };
             }
             let run = CostRun {
