@@ -151,6 +151,12 @@ impl<'m> Strip<'m> {
         }
     }
 
+    /// All pixels; see [`StripWindow::start`].
+    #[must_use]
+    pub fn pixels(&self) -> &[u8] {
+        self.pixels
+    }
+
     /// A line, in stored order; see [`Strip::run`].
     #[must_use]
     pub fn row(&self, line: u32) -> &[u8] {

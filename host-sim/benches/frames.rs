@@ -3,7 +3,7 @@
 //! `cargo bench --bench frames`
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use vgstereo_core::config::{Config, Method};
+use vgstereo_core::config::Config;
 use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::preset::Preset;
 use vgstereo_sim::frame::match_frame;
@@ -36,13 +36,10 @@ fn frames(criterion: &mut Criterion) {
             format: views.format,
             ..Config::new(preset.parameters(), WIDTH, DisparityRange::up_to(D_MAX))
         };
-        // Only the paper's method is parallel.
-        let parallel = matches!(config.parameters.method, Method::Recall(_));
-        let fastest = HostKernels::fastest();
         let runs = HostKernels::available()
             .into_iter()
-            .map(|k| (k, 1))
-            .chain(parallel.then_some((fastest, 2)));
+            .map(|kernels| (kernels, 1))
+            .chain([(HostKernels::fastest(), 2)]);
         for (kernels, threads) in runs {
             let name = format!("{}/{threads} threads", kernels.name());
             group.bench_function(BenchmarkId::new(preset.name(), name), |bencher| {

@@ -5,13 +5,15 @@ use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 use vgstereo_core::config::{Config, ConfigError, Method, Recall, Region};
-use vgstereo_core::matcher::{Matcher, PushError};
+use vgstereo_core::matcher::{MAX_LINES, Matcher, PushError};
 use vgstereo_core::matching::RowMatcher;
 use vgstereo_core::memory::Arena;
 use vgstereo_core::refine::Refiner;
 
 use crate::kernels::HostKernels;
 use crate::views::Views;
+
+mod pipelined;
 
 /// Largest number of threads that match a frame; more are not started.
 pub const MAX_THREADS: usize = 256;
@@ -66,9 +68,9 @@ impl From<PushError> for FrameError {
     }
 }
 
-/// Matches a frame with `threads` threads, at most [`MAX_THREADS`] and one per row; the
-/// disparities do not depend on their number. Only the paper's method is parallel: what
-/// aggregates needs the rows above.
+/// Matches a frame with up to `threads` threads; the disparities do not depend on their
+/// number. The paper's method takes at most [`MAX_THREADS`] and one per row; what aggregates
+/// needs the rows above, and takes at most two.
 ///
 /// # Errors
 /// [`FrameError`] when the configuration is not valid or the views do not fit it.
@@ -82,50 +84,94 @@ pub fn match_frame(
     if (views.width, views.format) != (config.width, config.format) {
         return Err(PushError::Width.into());
     }
-    let mut memory = vec![0; config.memory_words()];
-    let mut disparities_q4 = Vec::new();
-    let mut confidences = Vec::new();
-    let started;
-    match &config.parameters.method {
+    let (map, time) = match &config.parameters.method {
         Method::Recall(recall) if threads > 1 => {
-            let mut refiner = Refiner::new(config, recall, &mut Arena::new(&mut memory))?;
-            started = Instant::now();
-            let views = views.to_grey();
-            for band in match_bands(config, recall, &views, kernels, threads)? {
-                for row in band.chunks_exact(candidates_length(config, recall)) {
-                    if refiner.push(row) {
-                        disparities_q4.extend_from_slice(refiner.line_q4());
-                        confidences.extend_from_slice(refiner.line_confidences());
-                    }
-                }
-            }
-            while refiner.flush() {
-                disparities_q4.extend_from_slice(refiner.line_q4());
-                confidences.extend_from_slice(refiner.line_confidences());
-            }
+            match_parallel(config, recall, views, kernels, threads)?
         }
-        _ => {
-            let mut matcher = Matcher::new(config, kernels, &mut memory)?;
-            started = Instant::now();
-            for (left, right) in views.lines() {
-                if let Some(line) = matcher.push(left, right)? {
-                    disparities_q4.extend_from_slice(line.disparities_q4);
-                    confidences.extend_from_slice(line.confidences);
-                }
-            }
-            while let Some(line) = matcher.finish() {
-                disparities_q4.extend_from_slice(line.disparities_q4);
-                confidences.extend_from_slice(line.confidences);
-            }
+        Method::Aggregation(aggregation) if threads > 1 => {
+            pipelined::match_pipelined(config, aggregation, views, kernels)?
         }
-    }
+        _ => match_alone(config, views, kernels)?,
+    };
     Ok(Matched {
-        time: started.elapsed(),
-        disparities_q4,
-        confidences,
+        time,
+        disparities_q4: map.disparities_q4,
+        confidences: map.confidences,
         working_bytes: config.memory_words() * size_of::<u32>(),
         latency_lines: config.parameters.latency_lines(),
     })
+}
+
+/// Lines of disparities, one after another.
+#[derive(Debug, Default)]
+struct Map {
+    disparities_q4: Vec<i16>,
+    confidences: Vec<u8>,
+}
+
+impl Map {
+    fn push(&mut self, line_q4: &[i16], confidences: &[u8]) {
+        self.disparities_q4.extend_from_slice(line_q4);
+        self.confidences.extend_from_slice(confidences);
+    }
+}
+
+/// The rows of a frame inside the region.
+fn rows_of(config: &Config, views: &Views) -> Result<Range<u32>, PushError> {
+    let lines = u32::try_from(views.lines().count()).unwrap_or(u32::MAX);
+    if lines > MAX_LINES {
+        return Err(PushError::TooManyLines);
+    }
+    let region = config.region;
+    let end = region.y.saturating_add(region.height).min(lines);
+    Ok(region.y.min(end)..end)
+}
+
+/// Matches a frame; gives its map and the time from the first line in to the last out.
+fn match_alone(
+    config: &Config,
+    views: &Views,
+    kernels: HostKernels,
+) -> Result<(Map, Duration), FrameError> {
+    let mut memory = vec![0; config.memory_words()];
+    let mut matcher = Matcher::new(config, kernels, &mut memory)?;
+    let mut map = Map::default();
+    let started = Instant::now();
+    for (left, right) in views.lines() {
+        if let Some(line) = matcher.push(left, right)? {
+            map.push(line.disparities_q4, line.confidences);
+        }
+    }
+    while let Some(line) = matcher.finish() {
+        map.push(line.disparities_q4, line.confidences);
+    }
+    Ok((map, started.elapsed()))
+}
+
+/// The same for the paper's method, its rows in bands.
+fn match_parallel(
+    config: &Config,
+    recall: &Recall,
+    views: &Views,
+    kernels: HostKernels,
+    threads: usize,
+) -> Result<(Map, Duration), FrameError> {
+    let mut memory = vec![0; Refiner::memory_words(config, recall)];
+    let mut refiner = Refiner::new(config, recall, &mut Arena::new(&mut memory))?;
+    let mut map = Map::default();
+    let started = Instant::now();
+    let views = views.to_grey();
+    for band in match_bands(config, recall, &views, kernels, threads)? {
+        for row in band.chunks_exact(candidates_length(config, recall)) {
+            if refiner.push(row) {
+                map.push(refiner.line_q4(), refiner.line_confidences());
+            }
+        }
+    }
+    while refiner.flush() {
+        map.push(refiner.line_q4(), refiner.line_confidences());
+    }
+    Ok((map, started.elapsed()))
 }
 
 /// Rows of candidates do not depend on each other: each thread computes a band of them.
@@ -137,10 +183,7 @@ fn match_bands(
     kernels: HostKernels,
     threads: usize,
 ) -> Result<Vec<Vec<i16>>, FrameError> {
-    let lines = u32::try_from(views.lines().count()).map_err(|_| PushError::TooManyLines)?;
-    let region = config.region;
-    let end = region.y.saturating_add(region.height).min(lines);
-    let start = region.y.min(end);
+    let Range { start, end } = rows_of(config, views)?;
     // More bands than rows would be empty, and `start..end` may be.
     let most = usize::try_from(end - start).unwrap_or(usize::MAX).max(1);
     let threads = threads.clamp(1, most.min(MAX_THREADS));

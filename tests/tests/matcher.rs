@@ -2,7 +2,7 @@
 
 use vgstereo_core::camera::PixelFormat;
 use vgstereo_core::config::{Aggregation, Config, ConfigError, Method, Parameters, Recall, Region};
-use vgstereo_core::disparity::DisparityRange;
+use vgstereo_core::disparity::{DisparityRange, Reference};
 use vgstereo_core::kernel::Portable;
 use vgstereo_core::matcher::{Matcher, PushError};
 use vgstereo_core::matching::TieBreak;
@@ -346,34 +346,45 @@ fn the_largest_parameters_run() {
 #[test]
 fn threads_give_the_same_frame() {
     let formats = [PixelFormat::Grey8, PixelFormat::Rgb888];
-    let presets = Preset::ALL.into_iter();
-    for (preset, format) in presets.flat_map(|preset| formats.map(|format| (preset, format))) {
-        let pair = Pair::random_in(format, 61, 47, 30, 9);
+    let references = [Reference::Left, Reference::Right];
+    let region = Region {
+        x: 9,
+        y: 11,
+        width: 40,
+        height: 17,
+    };
+    // More rows than wait between threads, as many, fewer, and fewer than synapses reach.
+    for (height, format) in [81, 32, 14, 1]
+        .into_iter()
+        .flat_map(|h| formats.map(|f| (h, f)))
+    {
+        let pair = Pair::random_in(format, 61, height, 30, 9);
         let views = Views {
             left: pair.left.clone(),
             right: pair.right.clone(),
             width: 61,
             format,
         };
-        let mut config = Config {
-            format,
-            ..Config::new(preset.parameters(), 61, DisparityRange::up_to(20))
-        };
-        for region in [
-            Region::whole(61),
-            Region {
-                x: 9,
-                y: 11,
-                width: 40,
-                height: 17,
-            },
-        ] {
-            config.region = region;
-            let alone = pair.stream(&config, Portable);
-            for threads in [0, 1, 2, 3, 64, 100_000, usize::MAX] {
-                let matched =
-                    match_frame(&config, &views, HostKernels::fastest(), threads).unwrap();
-                assert_eq!(matched.disparities_q4, alone, "{preset}, {threads} threads");
+        for (preset, reference) in Preset::ALL
+            .into_iter()
+            .flat_map(|preset| references.map(|reference| (preset, reference)))
+        {
+            let mut config = Config {
+                format,
+                reference,
+                ..Config::new(preset.parameters(), 61, DisparityRange::up_to(20))
+            };
+            for region in [Region::whole(61), region] {
+                config.region = region;
+                let alone = pair.stream_with_confidences(&config, Portable);
+                for threads in [0, 1, 2, 3, 64, 100_000, usize::MAX] {
+                    let matched =
+                        match_frame(&config, &views, HostKernels::fastest(), threads).unwrap();
+                    let case =
+                        format!("{preset}, {reference:?}, {height} lines, {threads} threads");
+                    assert_eq!(matched.disparities_q4, alone.disparities_q4, "{case}");
+                    assert_eq!(matched.confidences, alone.confidences, "{case}");
+                }
             }
         }
     }

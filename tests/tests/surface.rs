@@ -16,7 +16,9 @@ use vgstereo_core::matcher::Matcher;
 use vgstereo_core::memory::OutOfMemory;
 use vgstereo_core::preset::Preset;
 use vgstereo_core::synapse::Support;
+use vgstereo_sim::frame::match_frame;
 use vgstereo_sim::kernels::HostKernels;
+use vgstereo_sim::views::Views;
 use vgstereo_tests::{Map, Pair, surface};
 
 fn micro() -> Aggregation {
@@ -234,6 +236,31 @@ proptest! {
             prop_assert_eq!(&found.disparities_q4, &expected.disparities_q4, "{}", kernels.name());
             prop_assert_eq!(&found.confidences, &expected.confidences, "{}", kernels.name());
         }
+    }
+
+    #[test]
+    fn two_threads_give_the_bits_of_one(
+        (pair, mut config) in matching(),
+        [x, y, width, height] in prop::array::uniform4(0_u16..70),
+    ) {
+        let x = x.min(config.width - 1);
+        config.region = Region {
+            x,
+            y: (y / 4).into(),
+            width: width.clamp(1, config.width - x),
+            height: u32::from(height / 2) + 1,
+        };
+        let views = Views {
+            left: pair.left.clone(),
+            right: pair.right.clone(),
+            width: config.width,
+            format: config.format,
+        };
+        let kernels = HostKernels::fastest();
+        let alone = pair.stream_with_confidences(&config, kernels);
+        let matched = match_frame(&config, &views, kernels, 2).unwrap();
+        prop_assert_eq!(matched.disparities_q4, alone.disparities_q4);
+        prop_assert_eq!(matched.confidences, alone.confidences);
     }
 
     /// Sparse lines are the dense ones without what was filled in.

@@ -10,20 +10,24 @@
 //! makes costs of the distances: over the cells on the pixel's surface (mask), with a
 //! difference of levels in the reference camera's exposure (exposure, cost).
 
+mod channels;
 mod cost;
 mod exposure;
 mod hamming;
 mod mask;
 mod row;
+mod row_masks;
 mod sampler;
 mod surface;
 mod winner;
 
+pub use channels::ChannelStrips;
 pub use cost::{CostRun, MAX_CHANNELS, NO_COST, cost_run, cost_stride};
 pub use exposure::{LevelConversion, convert_row};
 pub use hamming::{LANES, NO_DISTANCE, distances};
 pub use mask::{MASK_LANES, MaskBlock, mask_block};
 pub use row::RowMatcher;
+pub use row_masks::{BlockMasks, RowMasks, SurfaceMasks};
 pub use surface::SurfaceMatcher;
 pub use winner::{Nearest, best, nearest, nth_at};
 

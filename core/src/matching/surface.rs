@@ -1,19 +1,19 @@
 //! The aggregating half of the matcher: pairs of lines in, rows of checked disparities out.
 
-use core::num::NonZeroU8;
-
+use super::channels::{ChannelStrips, ChannelsSize};
 use super::cost::{CostRun, MAX_CHANNELS, cost_stride};
 use super::exposure::Exposure;
-use super::mask::{MASK_LANES, MaskBlock};
+use super::mask::MASK_LANES;
+use super::row_masks::{RowMasks, SurfaceMasks};
 use super::sampler::{Sampler, SamplerSize, in_roles};
 use crate::aggregation::{AggregateRow, RowCheck, path_scratch_bytes};
 use crate::config::{Aggregation, Config, ConfigError};
 use crate::disparity::Reference;
 use crate::kernel::Kernels;
-use crate::memory::{Arena, words};
+use crate::memory::{Arena, OutOfMemory, words};
 use crate::minchinton::{CELLS_PER_BYTE, Planes};
 use crate::strip::{Order, Strip};
-use crate::synapse::{Offset, Synapses};
+use crate::synapse::Synapses;
 
 /// Most pixels of a run of costs without masks.
 const RUN_LANES: usize = 128;
@@ -21,14 +21,15 @@ const RUN_LANES: usize = 128;
 /// Pairs of lines in, one row of disparities out, `support.y_px` lines later; in the order
 /// in which the reference view is stored.
 #[derive(Debug)]
-pub struct SurfaceMatcher<'m, K> {
+pub struct SurfaceMatcher<'m, K, M = SurfaceMasks<'m, K>> {
     kernels: K,
     sampler: Sampler<'m>,
-    colours: Option<Colours<'m>>,
-    /// Grey lines, where the pixel format has colour that is not used.
-    luma: [&'m mut [u8]; 2],
+    /// Without strips where grey is the only channel: those of the sampler serve.
+    reference: ChannelStrips<'m>,
+    other: ChannelStrips<'m>,
     exposure: Exposure,
-    masks: Option<Masks<'m>>,
+    /// `None` where every cell counts.
+    masks: Option<M>,
     /// By the number of cells that count, the cost of one of them, 1/256.
     cell_costs_q8: &'m mut [u16],
     other_low: &'m mut [u8],
@@ -50,24 +51,6 @@ pub struct SurfaceMatcher<'m, K> {
     config: Config,
 }
 
-/// Channels of both views, where lines have colour.
-#[derive(Debug)]
-struct Colours<'m> {
-    reference: [Strip<'m>; MAX_CHANNELS],
-    other: [Strip<'m>; MAX_CHANNELS],
-    /// A line's grey or one of its channels, before it goes to the strips.
-    line: &'m mut [u8],
-    other_grey: &'m mut [u8],
-}
-
-#[derive(Debug)]
-struct Masks<'m> {
-    block: &'m mut [u8],
-    cells: &'m mut [u8],
-    /// Where in the strips the first pixel's samples are, by synapse.
-    starts: &'m mut [u32],
-}
-
 /// Geometry derived from a configuration.
 #[derive(Debug, Clone, Copy)]
 struct Sizes {
@@ -81,7 +64,6 @@ struct Sizes {
     depth: usize,
     padding: usize,
     colour: bool,
-    masked: bool,
 }
 
 impl Sizes {
@@ -138,7 +120,6 @@ impl Sizes {
             ),
             padding: max(support.x_px as usize, median_x),
             colour: parameters.colour && !config.format.is_grey(),
-            masked: parameters.kept_cells_q8 < 256,
         }
     }
 
@@ -159,11 +140,30 @@ impl Sizes {
         }
     }
 
-    const fn luma_bytes(&self, config: &Config) -> usize {
-        if self.colour || config.format.is_grey() {
-            0
-        } else {
-            self.width
+    /// The reference view's channels, as deep as the refinement looks back.
+    const fn reference(&self, config: &Config) -> ChannelsSize {
+        ChannelsSize {
+            count: self.channels(),
+            width: self.width,
+            padding: self.padding,
+            depth: self.depth,
+            format: config.format,
+        }
+    }
+
+    const fn other(&self, config: &Config) -> ChannelsSize {
+        ChannelsSize {
+            padding: 0,
+            depth: config.parameters.support.y_px as usize + 1,
+            ..self.reference(config)
+        }
+    }
+
+    /// Without the strips where the sampler has them.
+    const fn beside_sampler(&self, size: ChannelsSize) -> ChannelsSize {
+        ChannelsSize {
+            count: if self.colour { MAX_CHANNELS } else { 0 },
+            ..size
         }
     }
 
@@ -175,6 +175,15 @@ impl Sizes {
     const fn last_position(&self, config: &Config) -> usize {
         self.front
             .saturating_add_signed(config.disparities.minimum_px as isize)
+    }
+}
+
+/// Orders in which the reference view and the other are stored: rising disparities must be
+/// rising positions, so that the views run against each other.
+const fn orders(reference: Reference) -> [Order; 2] {
+    match reference {
+        Reference::Left => [Order::Columns, Order::Mirrored],
+        Reference::Right => [Order::Mirrored, Order::Columns],
     }
 }
 
@@ -191,18 +200,9 @@ impl SurfaceMatcher<'_, ()> {
         let synapses = config.parameters.synapses as usize;
         let width = sizes.width;
         let mut total = Sampler::memory_words(config, sizes.sampler(config))
-            + 2 * words(sizes.luma_bytes(config), 1);
-        if sizes.colour {
-            let other_depth = config.parameters.support.y_px as usize + 1;
-            total += MAX_CHANNELS * Strip::memory_words(width, sizes.padding, sizes.depth)
-                + MAX_CHANNELS * Strip::memory_words(width, 0, other_depth)
-                + 2 * words(width, 1);
-        }
-        if sizes.masked {
-            total += words(synapses / CELLS_PER_BYTE * MASK_LANES, 1)
-                + words(synapses * MASK_LANES, 1)
-                + words(synapses, size_of::<u32>());
-        }
+            + ChannelStrips::memory_words(sizes.beside_sampler(sizes.reference(config)))
+            + ChannelStrips::memory_words(sizes.beside_sampler(sizes.other(config)))
+            + SurfaceMasks::memory_words(config, parameters);
         if parameters.difference_weight_q4 > 0 {
             total += 2 * words(sizes.channels() * sizes.positions, 1);
         }
@@ -218,6 +218,28 @@ impl SurfaceMatcher<'_, ()> {
     }
 }
 
+impl<'m> SurfaceMatcher<'m, ()> {
+    /// Words of memory for [`SurfaceMatcher::reference_channels`].
+    #[must_use]
+    pub const fn reference_channels_words(config: &Config, parameters: &Aggregation) -> usize {
+        ChannelStrips::memory_words(Sizes::new(config, parameters).reference(config))
+    }
+
+    /// Strips like those of [`SurfaceMatcher::channels`], for a refinement that runs apart
+    /// from the matcher and is given the reference view's lines itself.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] when the arena is too small.
+    pub fn reference_channels(
+        config: &Config,
+        parameters: &Aggregation,
+        arena: &mut Arena<'m>,
+    ) -> Result<ChannelStrips<'m>, OutOfMemory> {
+        let size = Sizes::new(config, parameters).reference(config);
+        ChannelStrips::new(size, orders(config.reference)[0], arena)
+    }
+}
+
 impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
     /// Draws the synapses and carves the memory.
     ///
@@ -229,41 +251,36 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         kernels: K,
         arena: &mut Arena<'m>,
     ) -> Result<Self, ConfigError> {
+        let mut matcher = Self::with_masks(config, parameters, kernels, None, arena)?;
+        let synapses = matcher.synapses();
+        matcher.masks = SurfaceMasks::new(config, parameters, synapses, kernels, arena)?;
+        Ok(matcher)
+    }
+}
+
+impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
+    /// The same as `new`, but with masks from elsewhere, whose memory is not taken; `None`
+    /// where every cell counts.
+    ///
+    /// # Errors
+    /// [`ConfigError`] when `config` is not valid or the arena is too small.
+    pub fn with_masks(
+        config: &Config,
+        parameters: &Aggregation,
+        kernels: K,
+        masks: Option<M>,
+        arena: &mut Arena<'m>,
+    ) -> Result<Self, ConfigError> {
         config.validate()?;
         let sizes = Sizes::new(config, parameters);
         let synapses = usize::from(config.parameters.synapses);
         let width = sizes.width;
-        // Rising disparities must be rising positions: the views run against each other.
-        let (order, other_order) = match config.reference {
-            Reference::Left => (Order::Columns, Order::Mirrored),
-            Reference::Right => (Order::Mirrored, Order::Columns),
-        };
+        let [order, other_order] = orders(config.reference);
         let sampler = Sampler::new(config, sizes.sampler(config), [order, other_order], arena)?;
-        let colours = if sizes.colour {
-            let other_depth = usize::from(config.parameters.support.y_px) + 1;
-            let mut reference = || Strip::new(width, sizes.padding, sizes.depth, order, arena);
-            let reference = [reference()?, reference()?, reference()?];
-            let mut other = || Strip::new(width, 0, other_depth, other_order, arena);
-            let other = [other()?, other()?, other()?];
-            Some(Colours {
-                reference,
-                other,
-                line: arena.take(width)?,
-                other_grey: arena.take(width)?,
-            })
-        } else {
-            None
-        };
-        let masks = if sizes.masked {
-            Some(Masks {
-                block: arena.take(synapses / CELLS_PER_BYTE * MASK_LANES)?,
-                cells: arena.take(synapses * MASK_LANES)?,
-                starts: arena.take(synapses)?,
-            })
-        } else {
-            None
-        };
-        let luma_bytes = sizes.luma_bytes(config);
+        let reference = sizes.beside_sampler(sizes.reference(config));
+        let reference = ChannelStrips::new(reference, order, arena)?;
+        let other = sizes.beside_sampler(sizes.other(config));
+        let other = ChannelStrips::new(other, other_order, arena)?;
         let levels = if parameters.difference_weight_q4 > 0 {
             sizes.channels() * sizes.positions
         } else {
@@ -272,8 +289,8 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         Ok(Self {
             kernels,
             sampler,
-            colours,
-            luma: [arena.take(luma_bytes)?, arena.take(luma_bytes)?],
+            reference,
+            other,
             exposure: Exposure::new(),
             masks,
             cell_costs_q8: cell_costs(parameters, arena.take(synapses + 1)?),
@@ -307,11 +324,8 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
     pub fn reset(&mut self) {
         self.sampler.reset();
         self.exposure = Exposure::new();
-        if let Some(colours) = &mut self.colours {
-            for strip in colours.reference.iter_mut().chain(&mut colours.other) {
-                strip.clear();
-            }
-        }
+        self.reference.clear();
+        self.other.clear();
     }
 
     /// Lines of the frame whose rows are done, those outside the region too.
@@ -324,33 +338,9 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
     /// [`SurfaceMatcher::found_q4`].
     pub fn push(&mut self, left: &[u8], right: &[u8]) -> Option<u32> {
         let (reference, other) = in_roles(self.config.reference, left, right);
-        match &mut self.colours {
-            None if self.config.format.is_grey() => self.sampler.push_roles(reference, other),
-            None => {
-                let format = self.config.format;
-                self.kernels.luma_row(format, reference, self.luma[0]);
-                self.kernels.luma_row(format, other, self.luma[1]);
-                self.sampler.push_roles(self.luma[0], self.luma[1]);
-            }
-            Some(colours) => {
-                let format = self.config.format;
-                let line = &mut *colours.line;
-                for (channel, (own, others)) in colours
-                    .reference
-                    .iter_mut()
-                    .zip(&mut colours.other)
-                    .enumerate()
-                {
-                    self.kernels.channel_row(format, reference, channel, line);
-                    own.push(line);
-                    self.kernels.channel_row(format, other, channel, line);
-                    others.push(line);
-                }
-                self.kernels.luma_row(format, other, colours.other_grey);
-                self.kernels.luma_row(format, reference, line);
-                self.sampler.push_roles(line, colours.other_grey);
-            }
-        }
+        let reference = self.reference.push(reference, &self.kernels);
+        let other = self.other.push(other, &self.kernels);
+        self.sampler.push_roles(reference, other);
         let line = self.sampler.next_row(false)?;
         self.match_row(line);
         Some(line)
@@ -379,7 +369,7 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
     /// The reference view's channels, for what follows.
     #[must_use]
     pub fn channels(&self) -> &[Strip<'m>] {
-        reference_channels(&self.colours, &self.sampler)
+        channels_of(&self.reference, &self.sampler.reference)
     }
 
     fn match_row(&mut self, line: u32) {
@@ -416,7 +406,7 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         if self.parameters.difference_weight_q4 == 0 {
             return;
         }
-        let others = other_channels(&self.colours, &self.sampler);
+        let others = channels_of(&self.other, &self.sampler.other);
         let lows = self.other_low.chunks_exact_mut(sizes.positions.max(1));
         let highs = self.other_high.chunks_exact_mut(sizes.positions.max(1));
         for ((channel, (low, high)), other) in lows.zip(highs).enumerate().zip(others) {
@@ -438,72 +428,33 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
     fn compute_costs(&mut self, line: u32, sizes: &Sizes) {
         let parameters = &self.parameters;
         let synapses = self.config.parameters.synapses;
-        let cells = usize::from(synapses);
-        let channels = reference_channels(&self.colours, &self.sampler);
-        // Floor and step are stated for the sum of three channels.
-        let (floor, step) = match channels.len() {
-            1 => (parameters.mask_floor / 3, parameters.mask_step.get() / 3),
-            _ => (parameters.mask_floor, parameters.mask_step.get()),
-        };
-        let step = NonZeroU8::new(step).unwrap_or(NonZeroU8::MIN);
-        // At least one cell, rounded up.
-        let kept = (u32::from(synapses) * u32::from(parameters.kept_cells_q8)).div_ceil(256);
+        let channels = channels_of(&self.reference, &self.sampler.reference);
         let levels = rows_of(channels, line);
-        let mut strips = [&[][..]; MAX_CHANNELS];
-        for (pixels, channel) in strips.iter_mut().zip(channels) {
-            *pixels = channel.window(line).pixels();
-        }
-        let window = channels.first().map(|channel| channel.window(line));
-        let start = |offset| Some(window?.start(offset, 0, sizes.width)? as u32);
         if let Some(masks) = &mut self.masks {
-            let offsets = self.sampler.synapses();
-            for (to, offset) in masks.starts.iter_mut().zip(offsets.iter()) {
-                // No support leaves the strip.
-                *to = start(offset).unwrap_or(0);
-            }
+            masks.begin(channels, line);
         }
-        let centre = start(Offset { dx: 0, dy: 0 }).unwrap_or(0) as usize;
         let cost_of = |count: u16| self.cell_costs_q8.get(usize::from(count)).copied();
         let mut cell_costs_q8 = [cost_of(synapses).unwrap_or(0); RUN_LANES];
-        let longest = if sizes.masked { MASK_LANES } else { RUN_LANES };
+        let longest = match self.masks {
+            Some(_) => MASK_LANES,
+            None => RUN_LANES,
+        };
         for start in (0..sizes.width).step_by(longest) {
             let lanes = longest.min(sizes.width - start);
             // Masks of the last block are made of a whole one that overlaps with the one before.
             let first = start.min(sizes.width.saturating_sub(MASK_LANES));
-            let (skipped, masked) = (start - first, MASK_LANES.min(sizes.width));
+            let skipped = start - first;
             let mut masks = Planes::NONE;
-            if let Some(Masks {
-                block,
-                cells: differences,
-                starts,
-            }) = &mut self.masks
-                && let Some(differences) = differences.get_mut(..cells * masked)
-                && let Some(block) = block.get_mut(..cells / CELLS_PER_BYTE * masked)
-            {
-                let mut task = MaskBlock {
-                    levels: strips,
-                    channels: channels.len(),
-                    centre: centre + first,
-                    starts,
-                    first,
-                    lanes: masked,
-                    // At most the number of synapses.
-                    kept: kept.max(1) as u16,
-                    floor,
-                    step,
-                    cells: differences,
-                    masks: block,
-                    counts: [0; MASK_LANES],
-                };
-                self.kernels.mask_block(&mut task);
-                let counts = task.counts.iter().skip(skipped);
+            if let Some(source) = &mut self.masks {
+                let block = source.block(channels, first);
+                let counts = block.counts.iter().skip(skipped);
                 for (cost, &count) in cell_costs_q8.iter_mut().zip(counts) {
                     *cost = cost_of(count).unwrap_or(0);
                 }
                 masks = Planes {
-                    bytes: block.get(skipped..).unwrap_or_default(),
-                    stride: masked,
-                    count: cells / CELLS_PER_BYTE,
+                    bytes: block.masks.get(skipped..).unwrap_or_default(),
+                    stride: MASK_LANES.min(sizes.width),
+                    count: usize::from(synapses) / CELLS_PER_BYTE,
                 };
             }
             let run = CostRun {
@@ -580,8 +531,8 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
         if self.parameters.difference_weight_q4 == 0 {
             return;
         }
-        let levels = rows_of(reference_channels(&self.colours, &self.sampler), line);
-        let others = rows_of(other_channels(&self.colours, &self.sampler), line);
+        let levels = rows_of(channels_of(&self.reference, &self.sampler.reference), line);
+        let others = rows_of(channels_of(&self.other, &self.sampler.other), line);
         // Every other pixel tells enough.
         let pixels = self.confidences.chunks(2).zip(check.best.chunks(2));
         let pixels = (0..).step_by(2).zip(pixels);
@@ -619,25 +570,11 @@ fn cell_costs<'m>(parameters: &Aggregation, costs_q8: &'m mut [u16]) -> &'m mut 
     costs_q8
 }
 
-/// The reference view's channels: red, green and blue, or grey alone.
-fn reference_channels<'a, 'm>(
-    colours: &'a Option<Colours<'m>>,
-    sampler: &'a Sampler<'m>,
-) -> &'a [Strip<'m>] {
-    match colours {
-        Some(colours) => &colours.reference,
-        None => core::slice::from_ref(&sampler.reference),
-    }
-}
-
-/// The other view's channels.
-fn other_channels<'a, 'm>(
-    colours: &'a Option<Colours<'m>>,
-    sampler: &'a Sampler<'m>,
-) -> &'a [Strip<'m>] {
-    match colours {
-        Some(colours) => &colours.other,
-        None => core::slice::from_ref(&sampler.other),
+/// A view's channels: red, green and blue, or grey alone, which the sampler has.
+fn channels_of<'a, 'm>(channels: &'a ChannelStrips<'m>, grey: &'a Strip<'m>) -> &'a [Strip<'m>] {
+    match channels.strips() {
+        [] => core::slice::from_ref(grey),
+        strips => strips,
     }
 }
 

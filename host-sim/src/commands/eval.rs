@@ -58,7 +58,8 @@ pub struct Eval {
     /// Write coloured disparities and error maps into this folder.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Threads per frame; the figures but the time do not depend on their number.
+    /// Threads per frame; the figures but the time do not depend on their number. The
+    /// aggregating presets take at most 2.
     #[arg(long, value_name = "N", default_value_t = 1)]
     threads: usize,
     #[command(flatten)]

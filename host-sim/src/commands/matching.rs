@@ -66,7 +66,8 @@ pub struct Match {
     /// Leave out disparities that were filled in rather than found.
     #[arg(long)]
     sparse: bool,
-    /// Threads; the map does not depend on their number.
+    /// Threads; the map does not depend on their number. The aggregating presets take at
+    /// most 2.
     #[arg(long, value_name = "N", default_value_t = 1)]
     threads: usize,
     #[command(flatten)]

@@ -1,0 +1,240 @@
+//! The aggregating method in two threads, line by line as in one.
+//!
+//! A row is matched after the one above it, for the path down and the exposure. But its
+//! masks depend on the image alone, and its refinement comes after. So one thread matches,
+//! and the other makes masks ahead of it and refines behind it.
+
+use std::iter::Flatten;
+use std::sync::mpsc::{IntoIter, Receiver, SyncSender, sync_channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use vgstereo_core::config::{Aggregation, Config, ConfigError};
+use vgstereo_core::disparity::Reference;
+use vgstereo_core::matching::{
+    BlockMasks, ChannelStrips, MASK_LANES, RowMasks, SurfaceMasks, SurfaceMatcher,
+};
+use vgstereo_core::memory::Arena;
+use vgstereo_core::refine::SurfaceRefiner;
+use vgstereo_core::strip::Strip;
+
+use super::{FrameError, Map, rows_of};
+use crate::kernels::HostKernels;
+use crate::views::Views;
+
+/// Rows handed over at a time: waking a thread can take as long as a row.
+const BATCH_ROWS: usize = 16;
+
+/// Batches that may wait for the other thread.
+const BATCHES_AHEAD: usize = 2;
+
+/// Threads in use.
+const THREADS: usize = 2;
+
+/// Matches a frame; gives its map and the time from the first line in to the last out.
+pub(super) fn match_pipelined(
+    config: &Config,
+    aggregation: &Aggregation,
+    views: &Views,
+    kernels: HostKernels,
+) -> Result<(Map, Duration), FrameError> {
+    let (mask_sender, mask_receiver) = sync_channel(BATCHES_AHEAD);
+    let (found_sender, found_receiver) = sync_channel(BATCHES_AHEAD);
+    let mask_words = SurfaceMasks::memory_words(config, aggregation);
+    let channels_words = SurfaceMatcher::reference_channels_words(config, aggregation);
+
+    let mut memory = vec![0; SurfaceMatcher::memory_words(config, aggregation)];
+    let arena = &mut Arena::new(&mut memory);
+    let masks = (mask_words > 0).then(|| MasksAhead::new(mask_receiver));
+    let mut matcher = SurfaceMatcher::with_masks(config, aggregation, kernels, masks, arena)?;
+
+    let mut memory = vec![0; mask_words + channels_words];
+    let arena = &mut Arena::new(&mut memory);
+    let synapses = matcher.synapses();
+    let mut masks = SurfaceMasks::new(config, aggregation, synapses, kernels, arena)
+        .map_err(ConfigError::from)?;
+    let mut lines = ReferenceLines::new(config, aggregation, views, kernels, arena)?;
+    let width = usize::from(config.width);
+    let mut rows = rows_of(config, views)?;
+    // As many rows as were found: masks stay as far ahead as they were at first.
+    let mut make_masks = || {
+        let Some(masks) = &mut masks else { return };
+        let rows = rows.by_ref().take(BATCH_ROWS);
+        let batch: Vec<_> = rows
+            .map(|row| MaskRow::new(masks, lines.around(row), row, width))
+            .collect();
+        // Not taken only after a panic of the other thread, which is passed on.
+        let _ = mask_sender.send(batch);
+    };
+
+    let mut memory = vec![0; SurfaceRefiner::memory_words(config, aggregation) + channels_words];
+    let arena = &mut Arena::new(&mut memory);
+    let mut refiner = SurfaceRefiner::new(config, aggregation, kernels, arena)?;
+    let mut behind = ReferenceLines::new(config, aggregation, views, kernels, arena)?;
+
+    let mut map = Map::default();
+    let started = Instant::now();
+    thread::scope(|scope| {
+        thread::Builder::new()
+            .spawn_scoped(scope, move || {
+                match_rows(&mut matcher, views, &found_sender)
+            })
+            .map_err(|_| FrameError::Threads(THREADS))?;
+        for _ in 0..BATCHES_AHEAD {
+            make_masks();
+        }
+        for batch in found_receiver {
+            for found in batch {
+                let channels = behind.around(found.line);
+                if refiner.push(&found.found_q4, &found.confidences, channels) {
+                    map.push(refiner.line_q4(), refiner.line_confidences());
+                }
+            }
+            make_masks();
+        }
+        Ok::<_, FrameError>(())
+    })?;
+    while refiner.flush(behind.channels.strips()) {
+        map.push(refiner.line_q4(), refiner.line_confidences());
+    }
+    Ok((map, started.elapsed()))
+}
+
+/// Matches all rows of a frame and hands them over.
+fn match_rows(
+    matcher: &mut SurfaceMatcher<'_, HostKernels, MasksAhead>,
+    views: &Views,
+    sender: &SyncSender<Vec<FoundRow>>,
+) {
+    let mut batch = Vec::new();
+    let mut lines = views.lines();
+    loop {
+        let line = match lines.next() {
+            Some((left, right)) => matcher.push(left, right),
+            None => match matcher.flush() {
+                Some(line) => Some(line),
+                None => break,
+            },
+        };
+        if let Some(line) = line {
+            batch.push(FoundRow {
+                line,
+                found_q4: matcher.found_q4().to_vec(),
+                confidences: matcher.confidences().to_vec(),
+            });
+        }
+        if batch.len() == BATCH_ROWS && sender.send(std::mem::take(&mut batch)).is_err() {
+            // The other thread has panicked.
+            return;
+        }
+    }
+    let _ = sender.send(batch);
+}
+
+/// A row of checked disparities on its way to the refinement.
+struct FoundRow {
+    line: u32,
+    found_q4: Vec<i16>,
+    confidences: Vec<u8>,
+}
+
+/// The masks of a row on their way to the matcher, block after block.
+#[derive(Default)]
+struct MaskRow {
+    masks: Vec<u8>,
+    counts: Vec<[u16; MASK_LANES]>,
+}
+
+impl MaskRow {
+    fn new(masks: &mut impl RowMasks, channels: &[Strip<'_>], line: u32, width: usize) -> Self {
+        let mut row = Self::default();
+        masks.begin(channels, line);
+        for start in (0..width).step_by(MASK_LANES) {
+            let first = start.min(width.saturating_sub(MASK_LANES));
+            let block = masks.block(channels, first);
+            row.masks.extend_from_slice(block.masks);
+            row.counts.push(block.counts);
+        }
+        row
+    }
+}
+
+/// The masks that the other thread made.
+struct MasksAhead {
+    rows: Flatten<IntoIter<Vec<MaskRow>>>,
+    row: MaskRow,
+    line: Option<u32>,
+}
+
+impl MasksAhead {
+    fn new(receiver: Receiver<Vec<MaskRow>>) -> Self {
+        Self {
+            rows: receiver.into_iter().flatten(),
+            row: MaskRow::default(),
+            line: None,
+        }
+    }
+}
+
+impl RowMasks for MasksAhead {
+    fn begin(&mut self, _: &[Strip<'_>], line: u32) {
+        // The first row is begun twice.
+        if self.line != Some(line) {
+            self.row = self.rows.next().unwrap_or_default();
+            self.line = Some(line);
+        }
+    }
+
+    fn block(&mut self, _: &[Strip<'_>], first: usize) -> BlockMasks<'_> {
+        // The last block may begin within the one before.
+        let index = first.div_ceil(MASK_LANES);
+        let bytes = self.row.masks.len() / self.row.counts.len().max(1);
+        BlockMasks {
+            masks: &self.row.masks[index * bytes..(index + 1) * bytes],
+            counts: self.row.counts[index],
+        }
+    }
+}
+
+/// The reference view's lines, as far down as a row looks.
+struct ReferenceLines<'a> {
+    channels: ChannelStrips<'a>,
+    lines: Box<dyn Iterator<Item = &'a [u8]> + 'a>,
+    kernels: HostKernels,
+    taken: u32,
+    reach: u32,
+}
+
+impl<'a> ReferenceLines<'a> {
+    fn new(
+        config: &Config,
+        aggregation: &Aggregation,
+        views: &'a Views,
+        kernels: HostKernels,
+        arena: &mut Arena<'a>,
+    ) -> Result<Self, ConfigError> {
+        let reference = config.reference;
+        let lines = views.lines().map(move |(left, right)| match reference {
+            Reference::Left => left,
+            Reference::Right => right,
+        });
+        Ok(Self {
+            channels: SurfaceMatcher::reference_channels(config, aggregation, arena)?,
+            lines: Box::new(lines),
+            kernels,
+            taken: 0,
+            reach: config.parameters.support.y_px.into(),
+        })
+    }
+
+    /// Takes the lines up to the lowest that `row` looks at; gives the strips.
+    fn around(&mut self, row: u32) -> &[Strip<'a>] {
+        while self.taken <= row + self.reach
+            && let Some(line) = self.lines.next()
+        {
+            self.channels.push(line, &self.kernels);
+            self.taken += 1;
+        }
+        self.channels.strips()
+    }
+}
