@@ -105,7 +105,7 @@ fn compare(block: &mut MaskBlock<'_>, lanes: usize) {
     for levels in block.levels.iter().take(block.channels) {
         let run = |start: usize| levels.get(start..start + lanes).unwrap_or_default();
         let centres = run(block.centre);
-        let rows = block.cells.chunks_exact_mut(lanes);
+        let rows = block.cells.chunks_exact_mut(lanes.max(1));
         for (row, &start) in rows.zip(block.starts) {
             let samples = run(start as usize + first);
             for ((difference, &a), &b) in row.iter_mut().zip(centres).zip(samples) {
