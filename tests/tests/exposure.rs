@@ -11,7 +11,7 @@ use vgstereo_sim::render::{RenderOptions, render};
 use vgstereo_sim::views::Views;
 
 /// Average of the bad pixels over the masks, percent.
-fn bad(preset: Preset, exposure: Exposure) -> f64 {
+fn bad(preset: Preset, seed: u64, exposure: Exposure) -> f64 {
     let scene = render(&RenderOptions {
         exposure,
         ..RenderOptions::default()
@@ -20,7 +20,7 @@ fn bad(preset: Preset, exposure: Exposure) -> f64 {
     let config = Config {
         format: views.format,
         ..Config::new(
-            preset.parameters(),
+            preset.parameters().with_seed(seed),
             views.width,
             DisparityRange::up_to(scene.d_max),
         )
@@ -41,8 +41,10 @@ fn what_neither_clips_nor_drowns_in_noise_costs_little() {
         ("falling black level", 1.0, 0.0, 0.0, -60.0),
         ("falling gain", 1.1, -1.0, 0.0, 0.0),
     ];
+    // How far a blank wall is filled from either side hangs on the synapses drawn.
+    let seeds = [1, 2, 3];
     for preset in [Preset::Lite, Preset::Micro] {
-        let equal = bad(preset, Exposure::EQUAL);
+        let equal = seeds.map(|seed| bad(preset, seed, Exposure::EQUAL));
         for (name, gain, gain_gradient, offset, offset_gradient) in exposures {
             let exposure = Exposure {
                 gain,
@@ -50,8 +52,10 @@ fn what_neither_clips_nor_drowns_in_noise_costs_little() {
                 offset,
                 offset_gradient,
             };
-            let cost = bad(preset, exposure) - equal;
-            assert!(cost <= 0.5, "{preset}, {name}: {cost:+.2}");
+            let costs = seeds.iter().zip(equal);
+            let costs = costs.map(|(&seed, equal)| bad(preset, seed, exposure) - equal);
+            let mean = costs.sum::<f64>() / seeds.len() as f64;
+            assert!(mean <= 0.75, "{preset}, {name}: {mean:+.2}");
         }
     }
 }
@@ -63,6 +67,6 @@ fn a_darker_camera_does_not_upset_a_blank_wall() {
         gain: 0.6,
         ..Exposure::EQUAL
     };
-    let cost = bad(Preset::Balanced, darker) - bad(Preset::Balanced, Exposure::EQUAL);
+    let cost = bad(Preset::Balanced, 1, darker) - bad(Preset::Balanced, 1, Exposure::EQUAL);
     assert!(cost <= 2.0, "{cost:+.2}");
 }
