@@ -19,10 +19,10 @@ use embassy_stm32::{bind_interrupts, dcmi, dma, gpio, i2c, rcc};
 use embassy_time::Instant;
 use panic_probe as _;
 use static_cell::ConstStaticCell;
+use vgstereo_chip_kernels::Armv7em;
 use vgstereo_core::camera::{Geometry, Layout, PixelFormat};
 use vgstereo_core::config::Config;
 use vgstereo_core::disparity::DisparityRange;
-use vgstereo_core::kernel::Portable;
 use vgstereo_core::matcher::Matcher;
 use vgstereo_core::preset::Preset;
 use vgstereo_firmware::serial::{SerialSink, packet_bytes};
@@ -47,7 +47,7 @@ const CONFIG: Config = Config::new(
 );
 /// From one line to the next: the matcher's time for a line, and what the sensors are
 /// slowed down to.
-const LINE_US: u32 = 16_000;
+const LINE_US: u32 = 8_000;
 /// A frame with its gap and its exposure, with a quarter to spare: the longest wait.
 const FRAME_US: u32 = 325 * LINE_US;
 /// A line that never comes, the end of its frame, and line 0 of the next one: what one
@@ -140,7 +140,7 @@ fn main() -> ! {
     let serial = defmt::unwrap!(serial);
     let sink = SerialSink::new(serial, PACKET.take());
 
-    let matcher = defmt::unwrap!(Matcher::new(&CONFIG, Portable, matcher_memory));
+    let matcher = defmt::unwrap!(Matcher::new(&CONFIG, Armv7em, matcher_memory));
     let mut watchdog = IndependentWatchdog::new(board.IWDG1, WATCHDOG_US);
     watchdog.unleash();
     let watchdog = Iwdg(watchdog);

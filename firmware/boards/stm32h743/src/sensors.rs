@@ -8,10 +8,10 @@ use hm01b0::{Error, Exposure, Hm01b0, Mode, registers};
 const PIXEL_CLOCKS_PER_MS: u32 = 4000;
 /// Lines of a frame with its gap.
 const FRAME_LINES: u16 = 260;
-/// As long as lines are long, 2 of them are an exposure for rooms. Both sensors have the
+/// As long as lines are long, 4 of them are an exposure for rooms. Both sensors have the
 /// same: one that each chose for itself would drift apart.
 const EXPOSURE: Exposure = Exposure {
-    integration_lines: 2,
+    integration_lines: 4,
     analog_gain: 0,
     digital_gain: 0x100,
 };
