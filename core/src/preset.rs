@@ -197,7 +197,6 @@ const BALANCED: Parameters = Parameters {
     method: Method::Aggregation(Aggregation {
         kept_cells_q8: 77,
         hamming_truncation: 36,
-        p1: 14,
         p2: 100,
         margin: 30,
         speckle: Some(SPECKLE),
@@ -215,7 +214,6 @@ const QUALITY: Parameters = Parameters {
     method: Method::Aggregation(Aggregation {
         kept_cells_q8: 64,
         hamming_truncation: 40,
-        p1: 14,
         p2: 105,
         margin: 30,
         speckle: Some(SPECKLE),
