@@ -338,7 +338,7 @@ impl RowCheck<'_> {
             pixels.zip(outputs).enumerate()
         {
             // Before the first of them, the position wraps round and is beyond the last.
-            let position = (count - 1 - x).wrapping_sub(start) + usize::from(best);
+            let position = (count - 1 - x + usize::from(best)).wrapping_sub(start);
             let agrees = others.get(position).is_some_and(|&other| {
                 // The low half is the other pixel's index.
                 (other as u16).abs_diff(best) <= self.tolerance_px.into()

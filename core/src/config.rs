@@ -445,9 +445,9 @@ impl Config {
     /// |---|---|
     /// | costs and paths | `3 W D`, and `5 D` of scratch |
     /// | best matches and checks | `17 W + 4 D` |
-    /// | offsets and patterns | `2 n + (2 W + D + 32) n / 8` |
+    /// | offsets, costs of a cell, patterns | `4 n + (2 W + D + 32) n / 8` |
     /// | levels of the other view | `2 c (W + D)` |
-    /// | masks | `36 n` |
+    /// | masks, unless every cell counts | `40 n` |
     /// | strips | those of the patterns; with colour, three of the reference view as deep as the last stage looks back and three of `Y + 1` lines of the other |
     /// | speckle removal, below `k` pixels, reach `y` | `2 W (2 y + 1) + 6 k` |
     /// | region vote, reach `(x, y)` | `4 W (2 y + 1) + 6 W + 2 D` |

@@ -28,7 +28,7 @@
 //!    v                           v
 //!  recall                      costs        Hamming distance over the cells on the
 //!    nearest pattern wins;     |            pixel's surface, and difference of levels
-//!    the k nearest are         |            in the other camera's exposure (matching)
+//!    the k nearest are         |            in the reference's exposure (matching)
 //!    candidates (matching)     v
 //!    |                         aggregation  left, right and down, one row of state;
 //!    |                         |            best, sub-pixel, margin     (aggregation)

@@ -186,25 +186,6 @@ pub struct StripWindow<'a> {
 }
 
 impl<'a> StripWindow<'a> {
-    /// No pixel.
-    pub const NONE: Self = Self {
-        pixels: &[],
-        stride: 0,
-        depth: 0,
-        padding: 0,
-        order: Order::Columns,
-        slot: 0,
-        above: 0,
-        below: 0,
-    };
-
-    /// All pixels of the strip; see [`StripWindow::start`].
-    #[must_use]
-    #[inline(always)]
-    pub fn pixels(&self) -> &'a [u8] {
-        self.pixels
-    }
-
     /// The samples of `count` neighbouring neurons of the middle line that one synapse sees,
     /// from stored position `first` on, in stored order. Empty when the offset leaves the
     /// support or the neurons leave the line.
@@ -216,7 +197,7 @@ impl<'a> StripWindow<'a> {
         samples.unwrap_or_default()
     }
 
-    /// Where in [`StripWindow::pixels`] the samples begin that [`StripWindow::samples`]
+    /// Where in [`Strip::pixels`] the samples begin that [`StripWindow::samples`]
     /// gives; `None` when those are empty. Strips of one shape that got the same number of
     /// lines agree on it.
     #[must_use]
@@ -226,10 +207,9 @@ impl<'a> StripWindow<'a> {
         (column + count <= self.stride).then_some(self.row(offset.dy)? + column)
     }
 
-    /// Where in [`StripWindow::pixels`] the line begins that is `dy` below the middle one.
-    #[must_use]
+    /// Where in [`Strip::pixels`] the line begins that is `dy` below the middle one.
     #[inline(always)]
-    pub fn row(&self, dy: i8) -> Option<usize> {
+    fn row(&self, dy: i8) -> Option<usize> {
         let distance = u32::from(dy.unsigned_abs());
         let slot = if dy < 0 {
             let up = distance.min(self.above) as usize;
@@ -251,21 +231,13 @@ impl<'a> StripWindow<'a> {
 
     /// Where in a stored line the sample is that a synapse `dx` away from stored position
     /// `first` sees.
-    #[must_use]
     #[inline(always)]
-    pub fn column(&self, dx: i8, first: usize) -> Option<usize> {
+    fn column(&self, dx: i8, first: usize) -> Option<usize> {
         let dx = match self.order {
             Order::Columns => isize::from(dx),
             Order::Mirrored => -isize::from(dx),
         };
         (self.padding + first).checked_add_signed(dx)
-    }
-
-    /// Pixels from a stored line to the next.
-    #[must_use]
-    #[inline(always)]
-    pub fn stride(&self) -> usize {
-        self.stride
     }
 }
 
@@ -304,7 +276,7 @@ mod tests {
                             let window = strip.window(y as u32);
                             let row = window.samples(Offset { dx, dy }, 0, width);
                             let start = window.start(Offset { dx, dy }, 0, width).unwrap();
-                            assert_eq!(row, &window.pixels()[start..start + width]);
+                            assert_eq!(row, &strip.pixels()[start..start + width]);
                             for x in 0..width {
                                 let stored = match order {
                                     Order::Columns => x,

@@ -320,7 +320,8 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink> Session<'m, C, K, S> {
 
 impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'m, C, K, S, W> {
     /// The same as [`Session::new`] with a watchdog, which runs already or is started
-    /// before the first step. [`Watchdog`] tells when it is fed.
+    /// before the first step; pass `&mut watchdog` to keep it. [`Watchdog`] tells when it is
+    /// fed.
     ///
     /// # Errors
     /// As [`Session::new`].

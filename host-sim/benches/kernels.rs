@@ -149,7 +149,7 @@ fn masks(criterion: &mut Criterion) {
             group.throughput(Throughput::Elements((count * MASK_LANES) as u64));
             per_set(&mut group, count, |kernels| {
                 kernels.mask_block(&mut MaskBlock {
-                    levels: [window.pixels(); MAX_CHANNELS],
+                    levels: [strip.pixels(); MAX_CHANNELS],
                     channels: MAX_CHANNELS,
                     centre: start(Offset { dx: 0, dy: 0 }) + MASK_LANES,
                     starts: &starts,

@@ -27,7 +27,8 @@ pub trait RowMasks {
     fn begin(&mut self, channels: &[Strip<'_>], line: u32);
 
     /// Masks of the row's pixels from stored position `first` on: [`MASK_LANES`] of them, or
-    /// all of a row that is narrower.
+    /// all of a row that is narrower. `first` is a multiple of [`MASK_LANES`], or that of the
+    /// row's last whole block.
     fn block(&mut self, channels: &[Strip<'_>], first: usize) -> BlockMasks<'_>;
 }
 

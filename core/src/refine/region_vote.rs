@@ -79,7 +79,8 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
         self.arms.reset();
     }
 
-    /// Takes a row as [`RowCheck::write`](crate::aggregation::RowCheck::write) gives it. True when this completes a row, then [`RegionVote::row`].
+    /// Takes a row as [`RowCheck::write`](crate::aggregation::RowCheck::write) gives it. True
+    /// when this completes a row, then [`RegionVote::row`].
     /// `channels` are the reference view's, with the rows of the window still there; row
     /// 0 of the ring is line `first_line` of theirs.
     pub fn push(&mut self, row: &[i16], channels: &[Strip<'_>], first_line: u32) -> bool {

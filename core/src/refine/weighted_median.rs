@@ -1,8 +1,9 @@
 //! Weighted median over a wide, flat window: edges of disparity move to edges of colour.
 //!
-//! Every other pixel of every other row of the window is a tap. It weighs the more, the more its colour is like the centre's and the nearer it is; the
-//! result is the smallest disparity at or below which lies half of the weight. Taps outside
-//! the image or without a disparity weigh nothing.
+//! Every other pixel of every other row of the window is a tap. It weighs the more, the more
+//! its colour is like the centre's and the nearer it is; the result is the smallest disparity at
+//! or below which lies half of the weight. Taps outside the image or without a disparity weigh
+//! nothing.
 
 use super::ring::RowRing;
 use crate::config::WeightedMedianParameters;

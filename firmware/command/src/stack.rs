@@ -50,7 +50,8 @@ pub fn deepest_bytes(path: &Path) -> Result<Option<u64>> {
     Ok(deepest.max())
 }
 
-/// Bytes of a function's frame and of the deepest chain below it.
+/// Bytes of a function's frame and of the deepest chain below it; where functions call each
+/// other in turn, of one turn at most.
 fn depth(
     function: u64,
     frames: &BTreeMap<u64, u64>,

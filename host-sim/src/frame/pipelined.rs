@@ -57,7 +57,7 @@ pub(super) fn match_pipelined(
     let width = usize::from(config.width);
     let mut rows = rows_of(config, views)?;
     // As many rows as were found: masks stay as far ahead as they were at first.
-    let mut make_masks = || {
+    let make_masks = move || {
         let Some(masks) = &mut masks else { return };
         let rows = rows.by_ref().take(BATCH_ROWS);
         let batch: Vec<_> = rows
@@ -75,6 +75,8 @@ pub(super) fn match_pipelined(
     let mut map = Map::default();
     let started = Instant::now();
     thread::scope(|scope| {
+        // Dropped with the scope: a panic here ends the other thread's wait.
+        let mut make_masks = make_masks;
         thread::Builder::new()
             .spawn_scoped(scope, move || {
                 match_rows(&mut matcher, views, &found_sender)

@@ -24,7 +24,8 @@ pub fn mask_block(block: &mut MaskBlock<'_>) {
         let odd = _mm256_cmpeq_epi16(_mm256_max_epu16(odd, kept), odd);
         let is_enough = _mm256_blendv_epi8(even, odd, _mm256_set1_epi16(-256));
         // Everything is within the highest.
-        if _mm256_movemask_epi8(is_enough) == -1 {
+        let is_highest = _mm256_cmpeq_epi8(thresholds, _mm256_set1_epi8(-1));
+        if _mm256_movemask_epi8(_mm256_or_si256(is_enough, is_highest)) == -1 {
             break counts;
         }
         let higher = _mm256_set1_epi8(block.floor.saturating_add(excess).cast_signed());
