@@ -1,9 +1,9 @@
-//! Kernels for Armv7E-M: Cortex-M4 and M7.
+//! Kernels for Armv7E-M, Cortex-M4 and M7, and for RV32, with and without Zbb.
 //!
 //! A register holds four bytes or two halfwords, and the instructions of the DSP extension
 //! work on them side by side. The kernels are written on `simd`, whose functions are one
-//! or two of these instructions each where the target has them, and plain code of the same
-//! bits elsewhere: what runs on the chip is tested on the host.
+//! or two of these instructions each where the target has them, and elsewhere a dozen on
+//! whole registers that give the same bits: what runs on the chip is tested on the host.
 #![cfg_attr(not(test), no_std)]
 #![deny(unsafe_code)]
 
@@ -79,5 +79,37 @@ impl Kernels for Armv7em {
     #[inline]
     fn median9_row(&self, rows: [&[i16]; 3], output: &mut [i16]) {
         median9::median9_row(rows, output);
+    }
+}
+
+/// Those of [`Armv7em`] that pay without byte SIMD too: counts of bits in four patterns at
+/// once more than make up for it. The others are the reference.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Rv32;
+
+impl Kernels for Rv32 {
+    #[inline]
+    fn cost_run(&self, row: &CostRun<'_>, costs: &mut [u8]) {
+        Armv7em.cost_run(row, costs);
+    }
+
+    #[inline]
+    fn mask_block(&self, block: &mut MaskBlock<'_>) {
+        Armv7em.mask_block(block);
+    }
+
+    #[inline]
+    fn weighted_median_row(
+        &self,
+        row: &WeightedMedianRow<'_>,
+        weights: &mut [u8],
+        output: &mut [i16],
+    ) {
+        Armv7em.weighted_median_row(row, weights, output);
+    }
+
+    #[inline]
+    fn arms_row(&self, row: &ArmsRow<'_>, scratch: &mut [u8], arms: &mut [i16]) {
+        Armv7em.arms_row(row, scratch, arms);
     }
 }

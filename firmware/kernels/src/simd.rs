@@ -33,24 +33,23 @@ macro_rules! instruction {
 
 instruction! {
     /// Sums of bytes, at most 255.
-    add_saturating_u8x4, "uqadd8", |a, b| bytes(a, b, u8::saturating_add)
+    add_saturating_u8x4, "uqadd8", |a: u32, b| !lanes::sub_saturating::<BYTES>(!a, b)
 }
 instruction! {
     /// Differences of bytes, at least 0.
-    sub_saturating_u8x4, "uqsub8", |a, b| bytes(a, b, u8::saturating_sub)
+    sub_saturating_u8x4, "uqsub8", lanes::sub_saturating::<BYTES>
 }
 instruction! {
     /// Halves of sums of bytes, rounded down.
-    halve_sum_u8x4, "uhadd8", |a, b| bytes(a, b, u8::midpoint)
+    halve_sum_u8x4, "uhadd8", lanes::halve_sum::<BYTES>
 }
 instruction! {
     /// Halves of differences of bytes, rounded down: the top bit is set below zero.
-    halve_difference_u8x4, "uhsub8",
-    |a, b| bytes(a, b, |a, b| ((i16::from(a) - i16::from(b)) >> 1) as u8)
+    halve_difference_u8x4, "uhsub8", lanes::halve_difference::<BYTES>
 }
 instruction! {
     /// Differences of halfwords, at least 0.
-    sub_saturating_u16x2, "uqsub16", |a, b| halfwords(a, b, u16::saturating_sub)
+    sub_saturating_u16x2, "uqsub16", lanes::sub_saturating::<HALFWORDS>
 }
 instruction! {
     /// Sums of signed halfwords, at most 32767.
@@ -62,7 +61,7 @@ instruction! {
 }
 instruction! {
     /// Halves of sums of halfwords, rounded down.
-    halve_sum_u16x2, "uhadd16", |a, b| halfwords(a, b, u16::midpoint)
+    halve_sum_u16x2, "uhadd16", lanes::halve_sum::<HALFWORDS>
 }
 
 instruction! {
@@ -150,16 +149,16 @@ macro_rules! selection {
 
 selection! {
     /// Where a byte of `a` is at least that of `b` the byte of `yes`, elsewhere that of `no`.
-    select_ge_u8x4, "usub8", |a, b| bytes(a, b, |a, b| if a >= b { u8::MAX } else { 0 })
+    select_ge_u8x4, "usub8", |a, b| !lanes::below::<BYTES>(a, b)
 }
 selection! {
     /// The same of halfwords.
-    select_ge_u16x2, "usub16", |a, b| halfwords(a, b, |a, b| if a >= b { u16::MAX } else { 0 })
+    select_ge_u16x2, "usub16", |a, b| !lanes::below::<HALFWORDS>(a, b)
 }
 selection! {
     /// The same of signed halfwords.
     select_ge_i16x2, "ssub16",
-    |a, b| signed_halfwords(a, b, |a, b| if a >= b { -1 } else { 0 })
+    |a, b| !lanes::below::<HALFWORDS>(a ^ lanes::tops(HALFWORDS), b ^ lanes::tops(HALFWORDS))
 }
 
 /// The same word, of which the compiler knows nothing: no instruction. Keeps what is
@@ -310,12 +309,6 @@ pub const fn pair_of(&[low, high]: &[i16; 2]) -> u32 {
 }
 
 #[cfg(not(dsp_extension))]
-fn bytes(a: u32, b: u32, each: impl Fn(u8, u8) -> u8) -> u32 {
-    let (a, b) = (a.to_le_bytes(), b.to_le_bytes());
-    u32::from_le_bytes(core::array::from_fn(|lane| each(a[lane], b[lane])))
-}
-
-#[cfg(not(dsp_extension))]
 fn halfwords(a: u32, b: u32, each: impl Fn(u16, u16) -> u16) -> u32 {
     let low = each(a as u16, b as u16);
     let high = each((a >> 16) as u16, (b >> 16) as u16);
@@ -327,4 +320,99 @@ fn signed_halfwords(a: u32, b: u32, each: impl Fn(i16, i16) -> i16) -> u32 {
     halfwords(a, b, |a, b| {
         each(a.cast_signed(), b.cast_signed()).cast_unsigned()
     })
+}
+
+/// Bits of a lane.
+#[cfg(not(dsp_extension))]
+const BYTES: u32 = 8;
+#[cfg(not(dsp_extension))]
+const HALFWORDS: u32 = 16;
+
+/// What the instructions do, in whole registers: lanes of `BITS` bits, none of which carries or
+/// borrows into the next. For processors without such instructions, as RISC-V.
+#[cfg(not(dsp_extension))]
+mod lanes {
+    /// The top bit of each lane.
+    #[inline(always)]
+    pub const fn tops(bits: u32) -> u32 {
+        if bits == super::BYTES {
+            0x8080_8080
+        } else {
+            0x8000_8000
+        }
+    }
+
+    /// Differences that wrap round.
+    #[inline(always)]
+    fn difference<const BITS: u32>(a: u32, b: u32) -> u32 {
+        let tops = tops(BITS);
+        ((a | tops) - (b & !tops)) ^ ((a ^ !b) & tops)
+    }
+
+    /// All bits of the lanes in which `a` is below `b`, given their differences.
+    #[inline(always)]
+    fn borrowed<const BITS: u32>(a: u32, b: u32, difference: u32) -> u32 {
+        let borrows = ((!a & b) | (!(a ^ b) & difference)) & tops(BITS);
+        (borrows << 1).wrapping_sub(borrows >> (BITS - 1))
+    }
+
+    /// All bits of the lanes in which `a` is below `b`.
+    #[inline(always)]
+    pub fn below<const BITS: u32>(a: u32, b: u32) -> u32 {
+        borrowed::<BITS>(a, b, difference::<BITS>(a, b))
+    }
+
+    #[inline(always)]
+    pub fn sub_saturating<const BITS: u32>(a: u32, b: u32) -> u32 {
+        let difference = difference::<BITS>(a, b);
+        difference & !borrowed::<BITS>(a, b, difference)
+    }
+
+    #[inline(always)]
+    pub fn halve_sum<const BITS: u32>(a: u32, b: u32) -> u32 {
+        (a & b) + ((a ^ b) >> 1 & !tops(BITS))
+    }
+
+    #[inline(always)]
+    pub fn halve_difference<const BITS: u32>(a: u32, b: u32) -> u32 {
+        difference::<BITS>((a ^ b) >> 1 & !tops(BITS), !a & b)
+    }
+}
+
+#[cfg(all(test, not(dsp_extension)))]
+mod tests {
+    use super::*;
+
+    fn bytes(a: u32, b: u32, each: impl Fn(u8, u8) -> u8) -> u32 {
+        let (a, b) = (a.to_le_bytes(), b.to_le_bytes());
+        u32::from_le_bytes(core::array::from_fn(|lane| each(a[lane], b[lane])))
+    }
+
+    /// Lane by lane; all pairs of bytes, in lanes beside each other.
+    #[test]
+    fn lanes_do_not_touch_each_other() {
+        for word in 0..=u32::from(u16::MAX) {
+            let a = word * 0x1_0001;
+            let b = word.wrapping_mul(0x9e37_79b9) ^ a.rotate_left(8);
+            let ge = |yes: bool| if yes { u8::MAX } else { 0 };
+            assert_eq!(add_saturating_u8x4(a, b), bytes(a, b, u8::saturating_add));
+            assert_eq!(sub_saturating_u8x4(a, b), bytes(a, b, u8::saturating_sub));
+            assert_eq!(halve_sum_u8x4(a, b), bytes(a, b, u8::midpoint));
+            let halved = |a: u8, b: u8| ((i16::from(a) - i16::from(b)) >> 1) as u8;
+            assert_eq!(halve_difference_u8x4(a, b), bytes(a, b, halved));
+            let found = select_ge_u8x4(a, b, u32::MAX, 0);
+            assert_eq!(found, bytes(a, b, |a, b| ge(a >= b)));
+            assert_eq!(
+                sub_saturating_u16x2(a, b),
+                halfwords(a, b, u16::saturating_sub)
+            );
+            assert_eq!(halve_sum_u16x2(a, b), halfwords(a, b, u16::midpoint));
+            let ge = |yes: bool| if yes { u16::MAX } else { 0 };
+            let found = select_ge_u16x2(a, b, u32::MAX, 0);
+            assert_eq!(found, halfwords(a, b, |a, b| ge(a >= b)));
+            let found = select_ge_i16x2(a, b, u32::MAX, 0);
+            let signed = |a: u16, b: u16| ge(a.cast_signed() >= b.cast_signed());
+            assert_eq!(found, halfwords(a, b, signed));
+        }
+    }
 }

@@ -5,7 +5,7 @@
 use riscv::register::minstret;
 use riscv_rt::entry;
 use static_cell::ConstStaticCell;
-use vgstereo_core::kernel::Portable;
+use vgstereo_chip_kernels::Rv32;
 use vgstereo_emulated::meter::Counter;
 use vgstereo_emulated::run::run;
 use vgstereo_emulated::stack::Stack;
@@ -36,5 +36,5 @@ unsafe extern "C" {
 fn main() -> ! {
     // SAFETY: the bounds are the linker's, there is no heap and no interrupt is enabled.
     let stack = unsafe { Stack::paint(&raw mut __estack, &raw mut _stack_start) };
-    run(Retired, Portable, MEMORY.take(), stack)
+    run(Retired, Rv32, MEMORY.take(), stack)
 }
