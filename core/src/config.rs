@@ -163,6 +163,15 @@ pub struct WeightedMedianParameters {
 }
 
 impl WeightedMedianParameters {
+    /// Largest reach along the line.
+    pub const MAX_REACH_X_PX: u8 = 30;
+    /// Largest reach across lines.
+    pub const MAX_REACH_Y_PX: u8 = 6;
+    /// Most rows of taps.
+    pub const MAX_ROWS: usize = Self::MAX_REACH_Y_PX as usize + 1;
+    /// Most taps: their weights of at most 180 sum to 16 bits.
+    pub const MAX_TAPS: usize = (Self::MAX_REACH_X_PX as usize + 1) * Self::MAX_ROWS;
+
     /// Offsets of the taps from the centre, (columns, rows), row by row: every other pixel
     /// of every other row.
     pub(crate) fn taps(&self) -> impl Iterator<Item = (i32, i32)> + use<> {
@@ -182,7 +191,7 @@ impl WeightedMedianParameters {
         self.reach_x_px as usize + 1
     }
 
-    /// Number of taps, at most 217: their weights of at most 180 sum to 16 bits.
+    /// Number of taps, at most [`WeightedMedianParameters::MAX_TAPS`].
     #[must_use]
     pub const fn tap_count(&self) -> usize {
         self.taps_per_row() * (self.reach_y_px as usize + 1)
@@ -204,8 +213,8 @@ impl Aggregation {
         };
         let median = match &self.weighted_median {
             Some(median) => {
-                median.reach_x_px <= 30
-                    && median.reach_y_px <= 6
+                median.reach_x_px <= WeightedMedianParameters::MAX_REACH_X_PX
+                    && median.reach_y_px <= WeightedMedianParameters::MAX_REACH_Y_PX
                     && (median.reach_x_px | median.reach_y_px).is_multiple_of(2)
                     && median.colour_reach >= 4
                     && median.colour_reach <= 48

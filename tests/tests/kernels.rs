@@ -8,6 +8,7 @@ use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_chip_kernels::Armv7em;
 use vgstereo_core::aggregation::{AggregateRow, path_scratch_bytes};
+use vgstereo_core::config::WeightedMedianParameters;
 use vgstereo_core::disparity::INVALID;
 use vgstereo_core::kernel::{Kernels, Portable};
 use vgstereo_core::matching::{
@@ -16,9 +17,6 @@ use vgstereo_core::matching::{
 use vgstereo_core::minchinton::{CELLS_PER_BYTE, PatternRow, Planes};
 use vgstereo_core::refine::{ArmsRow, WeightedMedianRow, arms_scratch_bytes};
 use vgstereo_sim::kernels::HostKernels;
-
-/// Most rows of a weighted median's taps.
-const TAP_ROWS: usize = 7;
 
 /// Below `bound`, which is at least 1.
 fn below(random: &mut Pcg32, bound: usize) -> usize {
@@ -144,8 +142,8 @@ fn weighted_median(
         .map(|_| 1 + below(&mut random, 20) as u8)
         .collect();
     let mut row = WeightedMedianRow {
-        values: [&[]; TAP_ROWS],
-        levels: [[&[]; TAP_ROWS]; MAX_CHANNELS],
+        values: [&[]; WeightedMedianParameters::MAX_ROWS],
+        levels: [[&[]; WeightedMedianParameters::MAX_ROWS]; MAX_CHANNELS],
         centres: [&[]; MAX_CHANNELS],
         rows,
         centre,
@@ -364,7 +362,7 @@ proptest! {
     #[test]
     fn weighted_medians_are_alike(
         width in prop_oneof![1_usize..80, Just(16), Just(32), Just(64)],
-        (reach_x, rows) in prop_oneof![(0_usize..=12, 1_usize..=TAP_ROWS), Just((30, TAP_ROWS))],
+        (reach_x, rows) in prop_oneof![(0_usize..=12, 1_usize..=WeightedMedianParameters::MAX_ROWS), Just((30, WeightedMedianParameters::MAX_ROWS))],
         channels in prop_oneof![Just(1_usize), Just(3)],
         seed in any::<u64>(),
     ) {

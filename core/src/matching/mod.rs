@@ -27,7 +27,7 @@ pub use exposure::{LevelConversion, convert_row};
 pub use hamming::{LANES, NO_DISTANCE, distances};
 pub use mask::{MASK_LANES, MaskBlock, mask_block};
 pub use row::RowMatcher;
-pub use row_masks::{BlockMasks, RowMasks, SurfaceMasks};
+pub use row_masks::{BlockMasks, RowMasks, SurfaceMasks, block_first};
 pub use surface::SurfaceMatcher;
 pub use winner::{Nearest, best, nearest, nth_at};
 

@@ -20,6 +20,15 @@ pub struct BlockMasks<'a> {
     pub counts: [u16; MASK_LANES],
 }
 
+/// Stored position of the first pixel of the block that has the masks from `start` on, a
+/// multiple of [`MASK_LANES`]: the last block of a row overlaps the one before rather than be
+/// narrower.
+#[must_use]
+pub const fn block_first(start: usize, width: usize) -> usize {
+    let last = width.saturating_sub(MASK_LANES);
+    if start < last { start } else { last }
+}
+
 /// Where a matcher has the masks of its rows from.
 pub trait RowMasks {
     /// Begins row `line`; `channels` are the reference view's, with the lines around the row
@@ -27,8 +36,8 @@ pub trait RowMasks {
     fn begin(&mut self, channels: &[Strip<'_>], line: u32);
 
     /// Masks of the row's pixels from stored position `first` on: [`MASK_LANES`] of them, or
-    /// all of a row that is narrower. `first` is a multiple of [`MASK_LANES`], or that of the
-    /// row's last whole block.
+    /// all of a row that is narrower. `first` is one that
+    /// [`block_first`] gives.
     fn block(&mut self, channels: &[Strip<'_>], first: usize) -> BlockMasks<'_>;
 }
 

@@ -4,7 +4,7 @@ use super::channels::{ChannelStrips, ChannelsSize};
 use super::cost::{CostRun, MAX_CHANNELS, cost_stride};
 use super::exposure::Exposure;
 use super::mask::MASK_LANES;
-use super::row_masks::{RowMasks, SurfaceMasks};
+use super::row_masks::{RowMasks, SurfaceMasks, block_first};
 use super::sampler::{Sampler, SamplerSize, in_roles};
 use crate::aggregation::{AggregateRow, RowCheck, path_scratch_bytes};
 use crate::config::{Aggregation, Config, ConfigError};
@@ -441,8 +441,7 @@ impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
         };
         for start in (0..sizes.width).step_by(longest) {
             let lanes = longest.min(sizes.width - start);
-            // Masks of the last block are made of a whole one that overlaps with the one before.
-            let first = start.min(sizes.width.saturating_sub(MASK_LANES));
+            let first = block_first(start, sizes.width);
             let skipped = start - first;
             let mut masks = Planes::NONE;
             if let Some(source) = &mut self.masks {

@@ -14,7 +14,7 @@ use crate::memory::{Arena, OutOfMemory, words};
 use crate::strip::Strip;
 
 /// Most rows of taps.
-pub const MAX_ROWS: usize = 7;
+const MAX_ROWS: usize = WeightedMedianParameters::MAX_ROWS;
 
 /// Pixels filtered side by side.
 const LANES: usize = 16;

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use vgstereo_core::config::{Aggregation, Config, ConfigError};
 use vgstereo_core::disparity::Reference;
 use vgstereo_core::matching::{
-    BlockMasks, ChannelStrips, MASK_LANES, RowMasks, SurfaceMasks, SurfaceMatcher,
+    BlockMasks, ChannelStrips, MASK_LANES, RowMasks, SurfaceMasks, SurfaceMatcher, block_first,
 };
 use vgstereo_core::memory::Arena;
 use vgstereo_core::refine::SurfaceRefiner;
@@ -152,8 +152,7 @@ impl MaskRow {
         let mut row = Self::default();
         masks.begin(channels, line);
         for start in (0..width).step_by(MASK_LANES) {
-            let first = start.min(width.saturating_sub(MASK_LANES));
-            let block = masks.block(channels, first);
+            let block = masks.block(channels, block_first(start, width));
             row.masks.extend_from_slice(block.masks);
             row.counts.push(block.counts);
         }

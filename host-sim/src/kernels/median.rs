@@ -3,8 +3,10 @@
 //! The loops are the same for every instruction set; [`median_in_registers`] puts them
 //! beside the registers' own operations.
 
+use vgstereo_core::config::WeightedMedianParameters;
+
 /// Taps that have room here: the most that a configuration may ask for.
-pub const MAX_TAPS: usize = 217;
+pub const MAX_TAPS: usize = WeightedMedianParameters::MAX_TAPS;
 
 /// A tap of `LANES` centres side by side. No load of it straddles two cache lines.
 #[derive(Clone, Copy)]
