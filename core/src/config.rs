@@ -17,6 +17,9 @@ pub const MAX_CANDIDATES: u8 = 16;
 /// Largest reach of the median, px.
 pub const MAX_MEDIAN_REACH_PX: u8 = 63;
 
+/// Largest offset of the other view's lines, 1/16 line.
+pub const MAX_LINE_OFFSET_Q4: u8 = 16;
+
 /// The method's parameters: all that a preset fixes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -90,6 +93,10 @@ pub struct Aggregation {
     pub difference_weight_q4: u8,
     /// Largest difference of levels that counts.
     pub difference_truncation: u8,
+    /// Largest offset of the other view's lines that is made up for, 1/16 line, at most 16: it
+    /// is learned on the way, along with the other camera's exposure, where levels count.
+    /// 0 takes lines as they come.
+    pub line_offset_max_q4: u8,
     /// Penalty of a step of one disparity along a path.
     pub p1: u8,
     /// Penalty of a larger step where the image is flat.
@@ -222,6 +229,12 @@ impl Aggregation {
             None => true,
         };
         speckle && vote && median && self.kept_cells_q8 > 0
+    }
+
+    /// Whether lines of the other view are moved to where those of the reference view are.
+    #[must_use]
+    pub const fn aligns_lines(&self) -> bool {
+        self.line_offset_max_q4 > 0 && self.difference_weight_q4 > 0
     }
 
     /// Whether every path cost fits 8 bits: the largest matching cost and the largest
@@ -373,6 +386,8 @@ pub enum ConfigError {
     Costs,
     /// A window of the refinement is too large, or no cell is kept.
     Windows,
+    /// Lines would be moved by more than one line.
+    LineOffset,
     /// The disparities do not fit the width: see [`DisparityRange::fits`].
     Disparities,
     /// The region is empty or leaves the view.
@@ -396,6 +411,7 @@ impl fmt::Display for ConfigError {
             Self::Windows => f.write_str(
                 "the speckle window may reach 15 lines, the vote 127 px and 15 lines, the weighted median even 30 px and 6 lines, and some cells must be kept",
             ),
+            Self::LineOffset => f.write_str("lines can be moved by at most 16/16 of a line"),
             Self::Disparities => f.write_str(
                 "the disparities must be shorter than the line and at most 2047 px long",
             ),
@@ -457,6 +473,7 @@ impl Config {
     /// | offsets, costs of a cell, patterns | `4 n + (2 W + D + 32) n / 8` |
     /// | levels of the other view | `2 c (W + D)` |
     /// | masks, unless every cell counts | `40 n` |
+    /// | lines before they are moved, if they are | `W`, with colour `4 W` |
     /// | strips | those of the patterns; with colour, three of the reference view as deep as the last stage looks back and three of `Y + 1` lines of the other |
     /// | speckle removal, below `k` pixels, reach `y` | `2 W (2 y + 1) + 6 k` |
     /// | region vote, reach `(x, y)` | `4 W (2 y + 1) + 6 W + 2 D` |
@@ -514,6 +531,9 @@ impl Config {
                 }
                 if !aggregation.fits() {
                     return Err(ConfigError::Costs);
+                }
+                if aggregation.line_offset_max_q4 > MAX_LINE_OFFSET_Q4 {
+                    return Err(ConfigError::LineOffset);
                 }
                 if !aggregation.windows_fit() {
                     return Err(ConfigError::Windows);

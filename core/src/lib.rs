@@ -19,7 +19,8 @@
 //!  camera      pair of lines, numbered, or what was lost        (camera)
 //!    |         grey, and channels where there is colour         (camera::PixelFormat)
 //!    v
-//!  strip       the newest lines of each view, clamped           (strip)
+//!  strip       the newest lines of each view, clamped; the     (strip)
+//!    |         other's moved where they lie too low or high, by a fraction of a line
 //!    |         samples at the offsets of the synapses           (synapse)
 //!    v
 //!  patterns    one bit per pair of samples, one row per view    (minchinton)
@@ -90,7 +91,8 @@
 //!
 //! # What it does not do
 //!
-//! It does not rectify: lines must be epipolar lines already. It uses no floating point but
+//! It does not rectify: lines must be epipolar lines already, but for up to one line by which
+//! all of one view may lie too low or too high: the right branch learns and mends that. It uses no floating point but
 //! for drawing the synapses when a matcher is built.
 //!
 //! # Features

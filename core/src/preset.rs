@@ -136,6 +136,7 @@ const AGGREGATION: Aggregation = Aggregation {
     hamming_truncation: 32,
     difference_weight_q4: 24,
     difference_truncation: 30,
+    line_offset_max_q4: 16,
     p1: 16,
     p2: 85,
     p2_floor: 15,

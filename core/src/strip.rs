@@ -27,6 +27,8 @@ pub struct Strip<'m> {
     padding: usize,
     order: Order,
     lines: u32,
+    /// The newest line as it came, where lines are moved; else empty.
+    newest: &'m mut [u8],
 }
 
 impl<'m> Strip<'m> {
@@ -63,6 +65,24 @@ impl<'m> Strip<'m> {
             padding,
             order,
             lines: 0,
+            newest: Default::default(),
+        })
+    }
+
+    /// Words of memory that [`Strip::moving`] takes besides.
+    #[must_use]
+    pub const fn moving_words(width: usize) -> usize {
+        words(width, 1)
+    }
+
+    /// The same strip, for [`Strip::push_moved`].
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] when the arena has fewer than [`Strip::moving_words`] left.
+    pub fn moving(self, arena: &mut Arena<'m>) -> Result<Self, OutOfMemory> {
+        Ok(Self {
+            newest: arena.take(self.width)?,
+            ..self
         })
     }
 
@@ -113,6 +133,32 @@ impl<'m> Strip<'m> {
                 }
             }
         }
+    }
+
+    /// Stores the next line of a view whose lines lie `offset_q4` too low, 1/16 line, -16 to
+    /// 16, so that they come to lie where they should: each is mixed with the line above, or
+    /// below, by its share. What is below comes with the next line: until then, a line too low
+    /// stands as it came.
+    ///
+    /// All lines have the strip's width. One that is not [`Strip::moving`] moves none.
+    pub fn push_moved(&mut self, line: &[u8], offset_q4: i8) {
+        let newest = core::mem::take(&mut self.newest);
+        let share_q4 = u16::from(offset_q4.unsigned_abs().min(16));
+        if offset_q4 == 0 || self.lines == 0 || newest.is_empty() {
+            self.push(line);
+        } else if offset_q4 > 0 {
+            mix_row(newest, line, share_q4);
+            self.lines -= 1;
+            self.push(newest);
+            self.push(line);
+        } else {
+            mix_row(newest, line, 16 - share_q4);
+            self.push(newest);
+        }
+        for (newest, &level) in newest.iter_mut().zip(line) {
+            *newest = level;
+        }
+        self.newest = newest;
     }
 
     /// `count` pixels of a line from stored position `from` on, in stored order. They may
@@ -241,6 +287,15 @@ impl<'a> StripWindow<'a> {
     }
 }
 
+/// Mixes `line` into `row`: so many sixteenths of it, rounded to nearest.
+fn mix_row(row: &mut [u8], line: &[u8], share_q4: u16) {
+    for (mixed, &level) in row.iter_mut().zip(line) {
+        // Sixteen shares of 8 bits, and the result is one.
+        let sum = u16::from(*mixed) * (16 - share_q4) + u16::from(level) * share_q4;
+        *mixed = ((sum + 8) >> 4) as u8;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -335,5 +390,61 @@ mod tests {
                     .is_empty()
             );
         }
+    }
+
+    /// Against mixing whole images: each line of the strip is the two lines about its place.
+    #[test]
+    fn moved_lines_are_mixed_from_the_lines_about_their_place() {
+        let (width, height, depth) = (7, 12, 5);
+        let mut random = Pcg32::seed_from_u64(3);
+        let lines: [[u8; 7]; 12] =
+            core::array::from_fn(|_| core::array::from_fn(|_| random.next_u32() as u8));
+        for order in [Order::Columns, Order::Mirrored] {
+            for offset_q4 in -16..=16_i8 {
+                let mut block = [0; 64];
+                let words = Strip::memory_words(width, 2, depth) + Strip::moving_words(width);
+                let mut arena = Arena::new(&mut block[..words]);
+                let strip = Strip::new(width, 2, depth, order, &mut arena).unwrap();
+                let mut strip = strip.moving(&mut arena).unwrap();
+                assert_eq!(arena.free_words(), 0);
+                for y in 0..height {
+                    strip.push_moved(&lines[y], offset_q4);
+                    for line in y.saturating_sub(depth - 1)..=y {
+                        // What lies further down is still to come, what further up never was.
+                        let place_q4 = 16 * line as i32 + i32::from(offset_q4);
+                        let is_there = place_q4 >= 0 && place_q4 <= 16 * y as i32;
+                        let place_q4 = if is_there { place_q4 } else { 16 * line as i32 };
+                        let (above, below) = (place_q4 / 16, (place_q4 + 15) / 16);
+                        for x in 0..width {
+                            let level = |line: i32| f64::from(lines[line as usize][x]);
+                            let share = f64::from(place_q4 % 16) / 16.0;
+                            let mixed = level(above) + (level(below) - level(above)) * share;
+                            let stored = match order {
+                                Order::Columns => x,
+                                Order::Mirrored => width - 1 - x,
+                            };
+                            let found = strip.row(line as u32)[stored];
+                            // To nearest, halves up.
+                            let expected = (mixed + 0.5).floor() as u8;
+                            assert_eq!(
+                                found, expected,
+                                "{order:?}, {offset_q4}, line {line} of {y}"
+                            );
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_strip_that_is_not_moving_moves_no_line() {
+        let mut block = [0; 16];
+        let mut arena = Arena::new(&mut block);
+        let mut strip = Strip::new(3, 0, 3, Order::Columns, &mut arena).unwrap();
+        strip.push_moved(&[1, 2, 3], 8);
+        strip.push_moved(&[9, 9, 9], 8);
+        assert_eq!(strip.row(0), [1, 2, 3]);
+        assert_eq!(strip.row(1), [9, 9, 9]);
     }
 }

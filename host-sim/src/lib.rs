@@ -9,6 +9,7 @@ pub mod exposure;
 pub mod files;
 pub mod frame;
 pub mod kernels;
+pub mod line_offset;
 pub mod metrics;
 pub mod parameters;
 pub mod pictures;

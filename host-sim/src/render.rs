@@ -20,6 +20,7 @@ use rand_pcg::Pcg32;
 use rayon::prelude::*;
 
 use crate::exposure::Exposure;
+use crate::line_offset::LINE_OFFSET_MAX_PX;
 use crate::scene::{GroundTruth, Mask, Scene};
 use courtyard::{Courtyard, Side};
 
@@ -49,6 +50,9 @@ pub struct RenderOptions {
     pub noise: f32,
     /// Exposure of the right camera; the left one's is [`Exposure::EQUAL`].
     pub exposure: Exposure,
+    /// By how much the right camera's lines lie too low, px, at most
+    /// [`LINE_OFFSET_MAX_PX`] either way; the truth is that of aligned cameras.
+    pub line_offset_px: f32,
 }
 
 impl Default for RenderOptions {
@@ -61,6 +65,7 @@ impl Default for RenderOptions {
             seed: 1,
             noise: 1.5,
             exposure: Exposure::EQUAL,
+            line_offset_px: 0.0,
         }
     }
 }
@@ -71,6 +76,7 @@ struct Sensor {
     noise: f64,
     seed: u64,
     stream: u64,
+    line_offset_px: f64,
 }
 
 /// Renders the scene with ground truth for both views and all masks.
@@ -93,6 +99,7 @@ pub fn render(options: &RenderOptions) -> Scene {
         noise: f64::from(noise),
         seed: options.seed,
         stream: 0,
+        line_offset_px: 0.0,
     };
     let right = Sensor {
         exposure: Exposure {
@@ -102,6 +109,9 @@ pub fn render(options: &RenderOptions) -> Scene {
             offset_gradient: finite(options.exposure.offset_gradient, 0.0),
         },
         stream: 1,
+        line_offset_px: finite(options.line_offset_px, 0.0)
+            .clamp(-LINE_OFFSET_MAX_PX, LINE_OFFSET_MAX_PX)
+            .into(),
         ..left
     };
     Scene {
@@ -121,7 +131,7 @@ fn view(yard: &Courtyard, side: Side, sensor: &Sensor, width: u32, height: u32) 
         .par_chunks_exact_mut(line_bytes)
         .enumerate()
         .for_each(|(y, line)| {
-            let y_px = y as f64;
+            let y_px = y as f64 - sensor.line_offset_px;
             // Images have at most SIDE_MAX_PX lines.
             let (gain, offset) = sensor.exposure.of_line(y as u32, height);
             // Each line has its own generator: the order of lines does not matter.
@@ -279,6 +289,7 @@ mod tests {
         seed: 7,
         noise: 0.0,
         exposure: Exposure::EQUAL,
+        line_offset_px: 0.0,
     };
 
     struct Parts {

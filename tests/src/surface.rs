@@ -16,6 +16,7 @@ use vgstereo_core::synapse::{StoredOffset, Synapses};
 use crate::Pair;
 
 /// A view in planes: grey first, then the channels that the stages look at.
+#[derive(Clone)]
 struct View {
     width: i32,
     height: i32,
@@ -275,10 +276,108 @@ impl Exposure {
     }
 }
 
-/// Costs, aggregation and check, line by line because the exposure is learned on the way.
+/// How far the other view's lines lie too low, as learned so far.
+#[derive(Default)]
+struct Alignment {
+    offset: i64,
+    /// Rows that tell nothing, as lines around them were moved by another offset.
+    settling: i32,
+    squares: i64,
+    products: i64,
+}
+
+impl Alignment {
+    /// Learns from a row's matches: pixels of both views, and how much further on the match
+    /// is, 1/16 px.
+    fn learn(
+        &mut self,
+        matches: &[(i32, i32, i32)],
+        y: i32,
+        [reference, other]: [&View; 2],
+        exposure: &Exposure,
+        (offset_max, support_y): (u8, u8),
+    ) {
+        if self.settling > 0 {
+            self.settling -= 1;
+            return;
+        }
+        // Running means of differences and gradients, times 8.
+        let mut means = [0; 2];
+        let (mut squares, mut products) = (0, 0);
+        for &(x, match_x, beyond) in matches {
+            // In the order in which the other view runs, from right to left.
+            let (before, after) = (match_x + 1, match_x - 1);
+            if before >= other.width || after < 0 {
+                continue;
+            }
+            let rising = other.grey(after, y) - other.grey(before, y);
+            let level = other.grey(match_x, y) + ((rising * beyond) >> 5);
+            let green = if reference.channels.len() == 3 { 1 } else { 0 };
+            let difference = reference.grey(x, y) - exposure.convert(green, level.clamp(0, 255));
+            let gradient = other.grey(match_x, y + 1) - other.grey(match_x, y - 1);
+            if difference.abs() > 24 || gradient.abs() > 64 {
+                continue;
+            }
+            let [local_difference, local_gradient]: [i32; 2] = [0, 1].map(|i| {
+                let value = [difference, gradient][i];
+                means[i] += value - (means[i] >> 3);
+                8 * value - means[i]
+            });
+            squares += i64::from((local_gradient * local_gradient) >> 6);
+            products += i64::from((local_gradient * local_difference) >> 6);
+        }
+        self.squares += squares - (self.squares >> 4);
+        self.products += products - (self.products >> 4);
+        if self.squares < 50_000 {
+            return;
+        }
+        let change = (self.products * 512)
+            .div_euclid(self.squares)
+            .clamp(-256, 256);
+        if change.abs() >= 24 {
+            let most = i64::from(offset_max);
+            let offset = (self.offset * 16 + change + 8)
+                .div_euclid(16)
+                .clamp(-most, most);
+            *self = Self {
+                offset,
+                settling: i32::from(support_y) + 2,
+                ..Self::default()
+            };
+        }
+    }
+
+    /// Line `y` as the strip has it when it has come, and the one above then.
+    fn moved(&self, raw: &View, y: i32, view: &mut View) {
+        let planes = raw.channels.iter().chain([&raw.grey]);
+        let moved = view.channels.iter_mut().chain([&mut view.grey]);
+        for (raw, moved) in planes.zip(moved) {
+            for x in 0..raw.len() / view.height as usize {
+                let width = view.width;
+                let at = |y: i32| (y * width) as usize + x;
+                moved[at(y)] = raw[at(y)];
+                if y == 0 || self.offset == 0 {
+                    continue;
+                }
+                let (above, below) = (i64::from(raw[at(y - 1)]), i64::from(raw[at(y)]));
+                // Between the two lines, the upper one being line 0.
+                let place = if self.offset > 0 {
+                    self.offset
+                } else {
+                    16 + self.offset
+                };
+                let mixed = ((above * (16 - place) + below * place + 8) >> 4) as i32;
+                moved[at(if self.offset > 0 { y - 1 } else { y })] = mixed;
+            }
+        }
+    }
+}
+
+/// Costs, aggregation and check, line by line because exposure and alignment are learned on
+/// the way.
 fn find(
     reference: &View,
-    other: &View,
+    raw_other: &View,
     offsets: &[StoredOffset],
     config: &Config,
     a: &Aggregation,
@@ -301,11 +400,20 @@ fn find(
         sums: [[0; 7]; 3],
     };
     let weight = i32::from(a.difference_weight_q4);
+    let support_y = config.parameters.support.y_px;
+    let mut alignment = Alignment::default();
+    let mut other = raw_other.clone();
+    let mut lines_in = 0;
     // The first line twice: the first time only for the exposure.
     for (y, rehearsal) in [(0, true)]
         .into_iter()
         .chain((0..height).map(|y| (y, false)))
     {
+        while lines_in < height && lines_in <= y + i32::from(support_y) {
+            alignment.moved(raw_other, lines_in, &mut other);
+            lines_in += 1;
+        }
+        let other = &other;
         let dead_zone = exposure.dead_zone;
         let cells = |view: &View, x: i32| -> Vec<bool> {
             let sample = |o: &StoredOffset| view.grey(x + i32::from(o[0]), y + i32::from(o[1]));
@@ -394,6 +502,7 @@ fn find(
             meeting.min_by_key(|&j| (sum(match_x + minimum + j as i32, j), j))
         };
         let mut matches = Vec::new();
+        let mut levels_of_matches = Vec::new();
         for x in 0..width {
             let best = (0..count).min_by_key(|&j| (sum(x, j), j)).unwrap();
             let second = (0..count)
@@ -439,12 +548,19 @@ fn find(
                         other.channels[channel][other.index(match_x, y)],
                     )
                 };
-                matches.push((0..channels).map(levels).collect());
+                levels_of_matches.push((0..channels).map(levels).collect());
+                matches.push((x, match_x, refined - best as i32 * 16));
             }
         }
-        exposure.learn(&matches, channels);
+        let is_inside = y > 0 && y + 1 < lines_in;
+        if a.line_offset_max_q4 > 0 && weight > 0 && is_inside && exposure.dead_zone < 255 {
+            let views = [reference, other];
+            let limits = (a.line_offset_max_q4, support_y);
+            alignment.learn(&matches, y, views, &exposure, limits);
+        }
+        exposure.learn(&levels_of_matches, channels);
         if rehearsal {
-            exposure.learn(&matches, channels);
+            exposure.learn(&levels_of_matches, channels);
             found.clear();
             confidences.clear();
             above.clear();

@@ -1,6 +1,7 @@
-//! Unequal cameras on the built-in scene: what the exposure learned on the way must make up for.
+//! Unequal cameras on the built-in scene: what exposure and alignment learned on the way must
+//! make up for.
 
-use vgstereo_core::config::Config;
+use vgstereo_core::config::{Config, Method, Parameters};
 use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::preset::Preset;
 use vgstereo_sim::exposure::Exposure;
@@ -12,18 +13,19 @@ use vgstereo_sim::views::Views;
 
 /// Average of the bad pixels over the masks, percent.
 fn bad(preset: Preset, seed: u64, exposure: Exposure) -> f64 {
-    let scene = render(&RenderOptions {
+    let options = RenderOptions {
         exposure,
         ..RenderOptions::default()
-    });
+    };
+    bad_of(preset.parameters().with_seed(seed), &options)
+}
+
+fn bad_of(parameters: Parameters, options: &RenderOptions) -> f64 {
+    let scene = render(options);
     let views = Views::new(&scene.left, &scene.right, false).unwrap();
     let config = Config {
         format: views.format,
-        ..Config::new(
-            preset.parameters().with_seed(seed),
-            views.width,
-            DisparityRange::up_to(scene.d_max),
-        )
+        ..Config::new(parameters, views.width, DisparityRange::up_to(scene.d_max))
     };
     let matched = match_frame(&config, &views, HostKernels::fastest(), 1).unwrap();
     let truth = scene.truth.unwrap();
@@ -69,4 +71,27 @@ fn a_darker_camera_does_not_upset_a_blank_wall() {
     };
     let cost = bad(Preset::Balanced, 1, darker) - bad(Preset::Balanced, 1, Exposure::EQUAL);
     assert!(cost <= 2.0, "{cost:+.2}");
+}
+
+/// Most of what an offset of the lines costs is made up for.
+#[test]
+fn lines_that_lie_too_low_or_too_high_cost_little() {
+    for preset in [Preset::Lite, Preset::Micro, Preset::Balanced] {
+        let moved = preset.parameters();
+        let mut unmoved = moved;
+        if let Method::Aggregation(aggregation) = &mut unmoved.method {
+            aggregation.line_offset_max_q4 = 0;
+        }
+        let aligned = bad_of(moved, &RenderOptions::default());
+        for line_offset_px in [-0.9, 0.9] {
+            let options = RenderOptions {
+                line_offset_px,
+                ..RenderOptions::default()
+            };
+            let cost = bad_of(moved, &options) - aligned;
+            let cost_unmoved = bad_of(unmoved, &options) - aligned;
+            let what = format!("{preset}, {line_offset_px} px: {cost:+.2} of {cost_unmoved:+.2}");
+            assert!(cost <= 2.5 && cost_unmoved >= 4.0 * cost.max(1.0), "{what}");
+        }
+    }
 }

@@ -16,8 +16,10 @@ use vgstereo_core::matcher::Matcher;
 use vgstereo_core::memory::OutOfMemory;
 use vgstereo_core::preset::Preset;
 use vgstereo_core::synapse::Support;
+use vgstereo_sim::exposure::Exposure;
 use vgstereo_sim::frame::match_frame;
 use vgstereo_sim::kernels::HostKernels;
+use vgstereo_sim::render::{RenderOptions, render};
 use vgstereo_sim::views::Views;
 use vgstereo_tests::{Map, Pair, surface};
 
@@ -40,6 +42,7 @@ fn aggregation() -> impl Strategy<Value = Aggregation> {
         0_u8..=60,
         prop_oneof![Just(0_u8), Just(24), 1_u8..=48],
         0_u8..=30,
+        prop_oneof![Just(0_u8), Just(16), 1_u8..=16],
     );
     let penalties = (0_u8..=30, 0_u8..=60, 0_u8..=40, 0_u8..=32);
     let texture_min = prop_oneof![2 => Just(0_u16), 1 => 0_u16..=1500];
@@ -97,6 +100,7 @@ fn aggregation() -> impl Strategy<Value = Aggregation> {
                 hamming_truncation: costs.1,
                 difference_weight_q4: costs.2,
                 difference_truncation: costs.3,
+                line_offset_max_q4: costs.4,
                 p1: penalties.0,
                 p2,
                 p2_floor: penalties.2.min(p2),
@@ -405,6 +409,56 @@ proptest! {
         };
         let found = pair.stream_with_confidences(&config, Portable);
         prop_assert!(found == cut.stream_with_confidences(&config, Portable));
+    }
+}
+
+/// Cameras that do not look along the same lines: the lines moved are those of the oracle.
+#[test]
+fn lines_that_lie_too_low_give_the_bits_of_the_oracle() {
+    for (line_offset_px, grey, reference) in [
+        (0.4, false, Reference::Left),
+        (-0.7, true, Reference::Left),
+        (0.8, true, Reference::Right),
+    ] {
+        let scene = render(&RenderOptions {
+            width: 150,
+            height: 110,
+            d_max: 15,
+            line_offset_px,
+            exposure: Exposure {
+                gain: 1.1,
+                offset: 4.0,
+                ..Exposure::EQUAL
+            },
+            ..RenderOptions::default()
+        });
+        let views = Views::new(&scene.left, &scene.right, grey).unwrap();
+        let pair = Pair {
+            width: 150,
+            height: 110,
+            left: views.left,
+            right: views.right,
+        };
+        let config = Config {
+            reference,
+            format: views.format,
+            ..Config::new(Preset::Micro.parameters(), 150, DisparityRange::up_to(15))
+        };
+        let (disparities_q4, confidences) = surface::match_whole(&pair, &config);
+        let expected = Map {
+            disparities_q4,
+            confidences,
+        };
+        for kernels in HostKernels::available() {
+            let found = pair.stream_with_confidences(&config, kernels);
+            assert!(found == expected, "{line_offset_px}, {}", kernels.name());
+        }
+        let mut unmoved = config;
+        if let Method::Aggregation(aggregation) = &mut unmoved.parameters.method {
+            aggregation.line_offset_max_q4 = 0;
+        }
+        let unmoved = pair.stream_with_confidences(&unmoved, HostKernels::fastest());
+        assert!(unmoved != expected, "{line_offset_px}: no line was moved");
     }
 }
 

@@ -26,6 +26,8 @@ pub(super) struct ChannelsSize {
     pub(super) padding: usize,
     pub(super) depth: usize,
     pub(super) format: PixelFormat,
+    /// Whether lines are moved; see [`Strip::push_moved`].
+    pub(super) moving: bool,
 }
 
 impl ChannelsSize {
@@ -36,7 +38,12 @@ impl ChannelsSize {
 
 impl<'m> ChannelStrips<'m> {
     pub(super) const fn memory_words(size: ChannelsSize) -> usize {
-        size.count * Strip::memory_words(size.width, size.padding, size.depth)
+        let moving = if size.moving {
+            Strip::moving_words(size.width)
+        } else {
+            0
+        };
+        size.count * (Strip::memory_words(size.width, size.padding, size.depth) + moving)
             + words(size.line_bytes(), 1)
     }
 
@@ -47,8 +54,14 @@ impl<'m> ChannelStrips<'m> {
     ) -> Result<Self, OutOfMemory> {
         let mut strip = |index| {
             // A strip without lines takes no memory.
-            let depth = if index < size.count { size.depth } else { 0 };
-            Strip::new(size.width, size.padding, depth, order, arena)
+            let is_there = index < size.count;
+            let depth = if is_there { size.depth } else { 0 };
+            let strip = Strip::new(size.width, size.padding, depth, order, arena)?;
+            if is_there && size.moving {
+                strip.moving(arena)
+            } else {
+                Ok(strip)
+            }
         };
         Ok(Self {
             strips: [strip(0)?, strip(1)?, strip(2)?],
@@ -60,10 +73,21 @@ impl<'m> ChannelStrips<'m> {
 
     /// Takes the next line, in the configured pixel format; gives its grey.
     pub fn push<'a>(&'a mut self, line: &'a [u8], kernels: &impl Kernels) -> &'a [u8] {
+        self.push_moved(line, 0, kernels)
+    }
+
+    /// The same for a view whose lines lie too low; see [`Strip::push_moved`]. The grey is that
+    /// of the line as it came.
+    pub(super) fn push_moved<'a>(
+        &'a mut self,
+        line: &'a [u8],
+        offset_q4: i8,
+        kernels: &impl Kernels,
+    ) -> &'a [u8] {
         if self.count == MAX_CHANNELS {
             for (channel, strip) in self.strips.iter_mut().enumerate() {
                 kernels.channel_row(self.format, line, channel, self.line);
-                strip.push(self.line);
+                strip.push_moved(self.line, offset_q4);
             }
         }
         let grey = if self.format.is_grey() {
@@ -73,7 +97,7 @@ impl<'m> ChannelStrips<'m> {
             &*self.line
         };
         if let ([strip, ..], 1) = (&mut self.strips, self.count) {
-            strip.push(grey);
+            strip.push_moved(grey, offset_q4);
         }
         grey
     }

@@ -79,6 +79,11 @@ impl LevelConversion {
         dead_zone: u8::MAX,
     };
 
+    /// Whether levels may differ at all.
+    pub(super) fn is_known(&self) -> bool {
+        self.dead_zone < u8::MAX
+    }
+
     /// The level in the reference camera's exposure.
     #[inline(always)]
     #[must_use]

@@ -8,8 +8,10 @@
 //!
 //! [`RowMatcher`] recalls the nearest patterns, as the paper has it. [`SurfaceMatcher`]
 //! makes costs of the distances: over the cells on the pixel's surface (mask), with a
-//! difference of levels in the reference camera's exposure (exposure, cost).
+//! difference of levels in the reference camera's exposure (exposure, cost). On the way it
+//! learns by how much the other view's lines lie too low (alignment).
 
+mod alignment;
 mod channels;
 mod cost;
 mod exposure;

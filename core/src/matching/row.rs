@@ -38,6 +38,7 @@ impl RowMatcher<'_, ()> {
             stored: config.width as usize,
             reference_depth: Strip::depth(support),
             reference_padding: support.x_px as usize,
+            other_moving: false,
         }
     }
 }

@@ -40,6 +40,8 @@ pub(super) struct SamplerSize {
     pub(super) reference_depth: usize,
     /// Pixels kept of the reference view on either side of a line.
     pub(super) reference_padding: usize,
+    /// Whether lines of the other view are moved; see [`Strip::push_moved`].
+    pub(super) other_moving: bool,
 }
 
 impl<'m> Sampler<'m> {
@@ -53,6 +55,11 @@ impl<'m> Sampler<'m> {
             + words(PatternRow::bytes(size.stored, synapses), 1)
             + Strip::memory_words(width, size.reference_padding, size.reference_depth)
             + Strip::memory_words(width, support.x_px as usize, Strip::depth(support))
+            + if size.other_moving {
+                Strip::moving_words(width)
+            } else {
+                0
+            }
     }
 
     pub(super) fn new(
@@ -73,6 +80,7 @@ impl<'m> Sampler<'m> {
         }
         let [order, other_order] = orders;
         let (padding, depth) = (support.x_px.into(), Strip::depth(support));
+        let other = Strip::new(width, padding, depth, other_order, arena)?;
         Ok(Self {
             synapses: Synapses::from_stored(stored_offsets),
             inputs: PatternRow::new(size.inputs, count, arena)?,
@@ -84,7 +92,11 @@ impl<'m> Sampler<'m> {
                 order,
                 arena,
             )?,
-            other: Strip::new(width, padding, depth, other_order, arena)?,
+            other: if size.other_moving {
+                other.moving(arena)?
+            } else {
+                other
+            },
             view: config.reference,
             region: config.region,
             reach_lines: support.y_px.into(),
@@ -111,13 +123,13 @@ impl<'m> Sampler<'m> {
     /// Takes the next pair of grey lines.
     pub(super) fn push(&mut self, left: &[u8], right: &[u8]) {
         let (reference, other) = in_roles(self.view, left, right);
-        self.push_roles(reference, other);
+        self.push_roles(reference, other, 0);
     }
 
-    /// The same, the reference view's line first.
-    pub(super) fn push_roles(&mut self, reference: &[u8], other: &[u8]) {
+    /// The same, the reference view's line first; the other's lies too low.
+    pub(super) fn push_roles(&mut self, reference: &[u8], other: &[u8], other_offset_q4: i8) {
         self.reference.push(reference);
-        self.other.push(other);
+        self.other.push_moved(other, other_offset_q4);
     }
 
     /// The next row inside the region whose lines below are all there; with `finishing`,

@@ -1,5 +1,6 @@
 //! The aggregating half of the matcher: pairs of lines in, rows of checked disparities out.
 
+use super::alignment::{Alignment, GreyRows, Match};
 use super::channels::{ChannelStrips, ChannelsSize};
 use super::cost::{CostRun, MAX_CHANNELS, cost_stride};
 use super::exposure::Exposure;
@@ -8,7 +9,7 @@ use super::row_masks::{RowMasks, SurfaceMasks, block_first};
 use super::sampler::{Sampler, SamplerSize, in_roles};
 use crate::aggregation::{AggregateRow, RowCheck, path_scratch_bytes};
 use crate::config::{Aggregation, Config, ConfigError};
-use crate::disparity::Reference;
+use crate::disparity::{Reference, STEPS_PER_PX};
 use crate::kernel::Kernels;
 use crate::memory::{Arena, OutOfMemory, words};
 use crate::minchinton::{CELLS_PER_BYTE, Planes};
@@ -28,6 +29,7 @@ pub struct SurfaceMatcher<'m, K, M = SurfaceMasks<'m, K>> {
     reference: ChannelStrips<'m>,
     other: ChannelStrips<'m>,
     exposure: Exposure,
+    alignment: Alignment,
     /// `None` where every cell counts.
     masks: Option<M>,
     /// By the number of cells that count, the cost of one of them, 1/256.
@@ -64,6 +66,8 @@ struct Sizes {
     depth: usize,
     padding: usize,
     colour: bool,
+    /// Whether lines of the other view are moved to where those of the reference view are.
+    aligned: bool,
 }
 
 impl Sizes {
@@ -120,6 +124,7 @@ impl Sizes {
             ),
             padding: max(support.x_px as usize, median_x),
             colour: parameters.colour && !config.format.is_grey(),
+            aligned: parameters.aligns_lines(),
         }
     }
 
@@ -137,6 +142,7 @@ impl Sizes {
             } else {
                 self.padding
             },
+            other_moving: self.aligned,
         }
     }
 
@@ -148,6 +154,7 @@ impl Sizes {
             padding: self.padding,
             depth: self.depth,
             format: config.format,
+            moving: false,
         }
     }
 
@@ -155,6 +162,7 @@ impl Sizes {
         ChannelsSize {
             padding: 0,
             depth: config.parameters.support.y_px as usize + 1,
+            moving: self.aligned,
             ..self.reference(config)
         }
     }
@@ -292,6 +300,7 @@ impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
             reference,
             other,
             exposure: Exposure::new(),
+            alignment: Alignment::new(parameters.line_offset_max_q4, config.parameters.support),
             masks,
             cell_costs_q8: cell_costs(parameters, arena.take(synapses + 1)?),
             other_low: arena.take(levels)?,
@@ -324,6 +333,7 @@ impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
     pub fn reset(&mut self) {
         self.sampler.reset();
         self.exposure = Exposure::new();
+        self.alignment.reset();
         self.reference.clear();
         self.other.clear();
     }
@@ -339,8 +349,9 @@ impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
     pub fn push(&mut self, left: &[u8], right: &[u8]) -> Option<u32> {
         let (reference, other) = in_roles(self.config.reference, left, right);
         let reference = self.reference.push(reference, &self.kernels);
-        let other = self.other.push(other, &self.kernels);
-        self.sampler.push_roles(reference, other);
+        let offset_q4 = self.alignment.offset_q4();
+        let other = self.other.push_moved(other, offset_q4, &self.kernels);
+        self.sampler.push_roles(reference, other, offset_q4);
         let line = self.sampler.next_row(false)?;
         self.match_row(line);
         Some(line)
@@ -530,8 +541,6 @@ impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
         if self.parameters.difference_weight_q4 == 0 {
             return;
         }
-        let levels = rows_of(channels_of(&self.reference, &self.sampler.reference), line);
-        let others = rows_of(channels_of(&self.other, &self.sampler.other), line);
         // Every other pixel tells enough.
         let pixels = self.confidences.chunks(2).zip(check.best.chunks(2));
         let pixels = (0..).step_by(2).zip(pixels);
@@ -540,6 +549,31 @@ impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
             let position = check.position(x, best).filter(|_| confidence > 0)?;
             Some((x, position))
         });
+        // The lines above and below tell the gradient.
+        if sizes.aligned && line > 0 && line + 1 < self.sampler.other.lines() {
+            let other = &self.sampler.other;
+            let rows = GreyRows {
+                own: self.sampler.reference.row(line),
+                others: [line - 1, line, line + 1].map(|line| other.row(line)),
+            };
+            // Green, where there is colour, is most of grey.
+            let conversion = self.exposure.conversion(sizes.channels() / 2);
+            let matches = matches.clone().map(|(position, other_position)| {
+                let at = |values: &[i16]| values.get(position).copied().unwrap_or(0);
+                let best = check.best.get(position).copied().unwrap_or(0);
+                Match {
+                    position,
+                    other_position,
+                    // Within half a disparity.
+                    beyond_q4: at(check.refined_q4) - best as i16 * STEPS_PER_PX,
+                }
+            });
+            if conversion.is_known() {
+                self.alignment.learn(matches, rows, &conversion);
+            }
+        }
+        let levels = rows_of(channels_of(&self.reference, &self.sampler.reference), line);
+        let others = rows_of(channels_of(&self.other, &self.sampler.other), line);
         if sizes.channels() == 1 {
             self.exposure.learn::<1>(matches, levels, others);
         } else {

@@ -37,13 +37,16 @@ pub struct Ablate {
 type Removal = (&'static str, fn(&mut Aggregation) -> bool);
 
 /// The stages in the order of the data.
-const REMOVALS: [Removal; 10] = [
+const REMOVALS: [Removal; 11] = [
     ("colour", |a| std::mem::replace(&mut a.colour, false)),
     ("masks", |a| {
         std::mem::replace(&mut a.kept_cells_q8, 256) < 256
     }),
     ("difference of levels", |a| {
         std::mem::take(&mut a.difference_weight_q4) > 0
+    }),
+    ("alignment of lines", |a| {
+        std::mem::take(&mut a.line_offset_max_q4) > 0
     }),
     ("P2 adapted to edges", |a| {
         std::mem::take(&mut a.p2_adaptation_q4) > 0

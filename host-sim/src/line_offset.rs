@@ -1,0 +1,68 @@
+//! A right camera whose lines lie too low or too high.
+
+use image::RgbImage;
+
+/// Largest offset either way, px.
+pub const LINE_OFFSET_MAX_PX: f32 = 8.0;
+
+/// Moves a view down by so many lines, up where they are negative: what was at line `y` is at
+/// `y + offset_px`. Between lines, levels follow a cubic through four of them (Catmull and Rom
+/// 1974); lines outside are the nearest inside.
+#[must_use]
+pub fn lowered(view: &RgbImage, offset_px: f32) -> RgbImage {
+    let whole = offset_px.ceil();
+    // What the lower two of the four lines are above where they should be, 0 to 1.
+    let t = whole - offset_px;
+    let weights = [
+        ((2.0 - t) * t - 1.0) * t / 2.0,
+        ((3.0 * t - 5.0) * t * t + 2.0) / 2.0,
+        ((4.0 - 3.0 * t) * t + 1.0) * t / 2.0,
+        (t - 1.0) * t * t / 2.0,
+    ];
+    let last = i64::from(view.height()) - 1;
+    RgbImage::from_fn(view.width(), view.height(), |x, y| {
+        let level = |channel: usize| {
+            let lines = (-1..=2).zip(weights);
+            let sum: f32 = lines
+                .map(|(dy, weight)| {
+                    // Offsets are small whole numbers, and heights fit.
+                    let line = (i64::from(y) - whole as i64 + dy).clamp(0, last) as u32;
+                    weight * f32::from(view.get_pixel(x, line)[channel])
+                })
+                .sum();
+            // The cast saturates.
+            sum.round() as u8
+        };
+        image::Rgb([level(0), level(1), level(2)])
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Levels that grow by 10 a line.
+    fn ramp() -> RgbImage {
+        RgbImage::from_fn(2, 20, |_, y| image::Rgb([10 * y as u8; 3]))
+    }
+
+    #[test]
+    fn a_ramp_is_lowered_by_fractions_of_a_line() {
+        for offset_px in [-2.0, -0.7, -0.5, 0.0, 0.3, 1.0, 1.6] {
+            let moved = lowered(&ramp(), offset_px);
+            for y in 4..16 {
+                let expected = 10.0 * (y as f32 - offset_px);
+                let found = f32::from(moved.get_pixel(1, y)[2]);
+                assert!((found - expected).abs() <= 0.51, "{offset_px}: {found}");
+            }
+        }
+    }
+
+    #[test]
+    fn whole_lines_are_copied_and_the_border_is_repeated() {
+        let moved = lowered(&ramp(), 2.0);
+        let lines: Vec<u8> = moved.rows().map(|mut row| row.next().unwrap()[0]).collect();
+        assert_eq!(lines[..5], [0, 0, 0, 10, 20]);
+        assert_eq!(lowered(&ramp(), 0.0), ramp());
+    }
+}
