@@ -263,16 +263,30 @@ fn select(sums: &mut [i16]) -> Selected {
 #[inline(always)]
 #[must_use]
 pub fn parabola_q4(before: i16, after: i16) -> i16 {
-    let sum = before + after;
-    let difference = before.abs_diff(after) as i16;
+    let [step_q4] = parabolas_q4(&[before], &[after]);
+    step_q4
+}
+
+/// [`parabola_q4`] of many side by side: loops that become vector code.
+#[inline(always)]
+#[must_use]
+pub fn parabolas_q4<const N: usize>(before: &[i16; N], after: &[i16; N]) -> [i16; N] {
+    let mut steps = [0; N];
     // The quotient is at most 8: counting the half steps below it needs no division.
-    let is_curved = i16::from(sum > 0);
-    let mut steps = 0;
     for half in [1, 3, 5, 7, 9, 11, 13, 15] {
-        // 8 * 2 * difference / sum >= half; at most 15 times twice 765, three 8-bit paths.
-        steps += i16::from(difference * 16 >= half * sum) & is_curved;
+        for lane in 0..N {
+            let (before, after) = (before[lane], after[lane]);
+            let (sum, difference) = (before + after, before.abs_diff(after) as i16);
+            // 8 * 2 * difference / sum >= half; at most 15 times twice 765, three 8-bit paths.
+            steps[lane] += i16::from((difference * 16 >= half * sum) & (sum > 0));
+        }
     }
-    if before >= after { steps } else { -steps }
+    for lane in 0..N {
+        // All ones where it is negative: a branch would be mispredicted every other time.
+        let sign = -i16::from(before[lane] < after[lane]);
+        steps[lane] = (steps[lane] ^ sign) - sign;
+    }
+    steps
 }
 
 /// Checks the matches of a row from both sides: a pixel whose match lies outside the other

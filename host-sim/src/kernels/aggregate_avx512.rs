@@ -5,8 +5,8 @@ use std::arch::x86_64::*;
 use vgstereo_core::aggregation::{self, AggregateRow};
 
 use super::aggregate::{
-    BLOCK, INDEX_BITS, MAX_STRIDE, NO_KEY, SelectedBlock, aggregate_in_registers, around, key_at,
-    key_tails, other_of,
+    BLOCK, FROM_LEFT, INDEX_BITS, MAX_STRIDE, NO_KEY, SelectedBlock, aggregate_in_registers,
+    key_at, key_tails, other_of,
 };
 
 type Costs = __m512i;
@@ -66,12 +66,6 @@ fn join([a, b, c]: [Costs; 3], tails: Keys) -> Keys {
 #[inline]
 fn lesser(a: Keys, b: Keys) -> Keys {
     [_mm512_min_epu16(a[0], b[0]), _mm512_min_epu16(a[1], b[1])]
-}
-
-#[target_feature(enable = "avx512f,avx512bw,avx512vl")]
-#[inline]
-fn either(a: Keys, b: Keys) -> Keys {
-    [_mm512_or_si512(a[0], b[0]), _mm512_or_si512(a[1], b[1])]
 }
 
 #[target_feature(enable = "avx512f,avx512bw,avx512vl")]
