@@ -127,11 +127,7 @@ macro_rules! compiled_for {
 
             #[target_feature(enable = $features)]
             pub fn mask_block(block: &mut MaskBlock<'_>) {
-                if block.lanes == matching::MASK_LANES {
-                    super::mask_avx2::mask_block(block);
-                } else {
-                    matching::mask_block(block);
-                }
+                super::mask_avx2::mask_block(block);
             }
 
             #[target_feature(enable = $features)]
