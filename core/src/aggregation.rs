@@ -346,24 +346,22 @@ impl RowCheck<'_> {
         let others = others
             .and_then(|others| others.get(start..))
             .unwrap_or_default();
-        let pixels = self.best.iter().zip(self.refined_q4).zip(self.margins);
-        let outputs = found_q4.iter_mut().zip(confidences.iter_mut());
-        for (x, (((&best, &refined_q4), &margin), (found_q4, confidence))) in
-            pixels.zip(outputs).enumerate()
-        {
+        // Without branches: where views do not agree is hard to predict. First, all ones where
+        // they do.
+        for (x, (&best, agrees)) in self.best.iter().zip(&mut *found_q4).enumerate() {
             // Before the first of them, the position wraps round and is beyond the last.
             let position = (count - 1 - x + usize::from(best)).wrapping_sub(start);
-            let agrees = others.get(position).is_some_and(|&other| {
-                // The low half is the other pixel's index.
-                (other as u16).abs_diff(best) <= self.tolerance_px.into()
-            });
-            (*found_q4, *confidence) = if !agrees {
-                (INVALID, 0)
-            } else if margin >= self.margin {
-                (refined_q4, margin.clamp(1, 255) as u8)
-            } else {
-                (!refined_q4, 0)
-            };
+            // The low half is the other pixel's index; that of no match is far from any.
+            let other = others.get(position).map_or(u16::MAX, |&other| other as u16);
+            *agrees = -i16::from(other.abs_diff(best) <= self.tolerance_px.into());
+        }
+        let pixels = self.refined_q4.iter().zip(self.margins);
+        let outputs = found_q4.iter_mut().zip(confidences.iter_mut());
+        for ((&refined_q4, &margin), (found_q4, confidence)) in pixels.zip(outputs) {
+            let agrees = *found_q4;
+            let holds = -i16::from(margin >= self.margin);
+            *found_q4 = ((refined_q4 ^ !holds) & agrees) | (INVALID & !agrees);
+            *confidence = (margin.clamp(1, 255) & holds & agrees) as u8;
         }
         if self.texture_min == 0 {
             return;
