@@ -75,6 +75,8 @@ mod aggregate_avx2;
 #[cfg(target_arch = "x86_64")]
 mod aggregate_avx512;
 #[cfg(target_arch = "x86_64")]
+mod channel;
+#[cfg(target_arch = "x86_64")]
 mod cost;
 #[cfg(target_arch = "x86_64")]
 mod cost_avx2;
@@ -107,7 +109,7 @@ macro_rules! compiled_for {
 
             #[target_feature(enable = $features)]
             pub fn channel_row(format: PixelFormat, line: &[u8], channel: usize, row: &mut [u8]) {
-                format.channel(line, channel, row);
+                super::channel::channel_row(format, line, channel, row);
             }
 
             #[target_feature(enable = $features)]
