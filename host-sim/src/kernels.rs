@@ -39,7 +39,8 @@ impl HostKernels {
             if is_x86_feature_detected!("avx512f")
                 && is_x86_feature_detected!("avx512bw")
                 && is_x86_feature_detected!("avx512vl")
-                && is_x86_feature_detected!("avx512bitalg")
+                && is_x86_feature_detected!("avx512vbmi")
+                && is_x86_feature_detected!("avx512vpopcntdq")
                 && is_x86_feature_detected!("popcnt")
             {
                 levels.push(Self(Level::Avx512));
@@ -184,7 +185,7 @@ compiled_for!(
 #[cfg(target_arch = "x86_64")]
 compiled_for!(
     avx512,
-    "avx512f,avx512bw,avx512vl,avx512bitalg,popcnt",
+    "avx512f,avx512bw,avx512vl,avx512vbmi,avx512vpopcntdq,popcnt",
     super::cost_avx512::cost_run,
     super::aggregate_avx512::aggregate_row,
     super::median_avx512::weighted_median_row

@@ -5,9 +5,6 @@
 
 use vgstereo_core::matching::{CostRun, NO_COST, cost_stride};
 
-/// Planes whose differing cells are summed in 8 bits: at most 31 * 8 of them.
-pub const PLANES_PER_SUM: usize = 31;
-
 /// Most bytes of a register.
 const MAX_LANES: usize = 64;
 
@@ -61,7 +58,9 @@ pub fn beyond(inside: usize) -> &'static [u8] {
 /// takes from where it stands `Register` with its `LANES` of bytes, half as many words, and
 /// operations on both; `unpack_low` and `unpack_high` make two registers of words of bytes
 /// and zeros, which `pack` puts back in order; `load` and `store` move the first `lanes`
-/// bytes, and the others mean nothing.
+/// bytes, and the others mean nothing. And `Patterns`, made of a run that [`is_inside`],
+/// whose `differing_cells` tells how many cells of pixel `x` of the run differ from those of
+/// its disparities from `start` on: `REGISTERS` times the two registers of words.
 macro_rules! cost_in_registers {
     ($features:literal) => {
         /// See [`super::cost`].
@@ -116,6 +115,7 @@ macro_rules! cost_in_registers {
             let weight_q4 = broadcast_word(row.difference_weight_q4.into());
             let half = broadcast_word(128);
             let third_q8 = broadcast_word(85);
+            let patterns = Patterns::new(row);
             let pixels = costs.chunks_exact_mut(stride).zip(row.cell_costs_q8);
             for (x, (costs, &cell_cost_q8)) in pixels.enumerate() {
                 let cell_cost_q8 = broadcast_word(cell_cost_q8.cast_signed());
@@ -126,8 +126,7 @@ macro_rules! cost_in_registers {
                 for start in (0..stride).step_by(block) {
                     // The last block overlaps the one before rather than leave a rest.
                     let start = start.min(stride - block);
-                    let first = row.first_position - x;
-                    let cells = differing_cells::<MASKED, REGISTERS>(row, x, first + start, lanes);
+                    let cells = patterns.differing_cells::<MASKED, REGISTERS>(x, start, lanes);
                     for (cells, index) in cells.into_iter().zip(0..) {
                         let start = start + index * lanes;
                         let mut cost = cells;
@@ -140,7 +139,7 @@ macro_rules! cost_in_registers {
                             let mut differences = [zero(); 2];
                             let others = row.other_low.iter().zip(row.other_high);
                             for (&own, (low, high)) in own.iter().zip(others).take(CHANNELS) {
-                                let at = first + start;
+                                let at = row.first_position - x + start;
                                 // SAFETY: `is_inside` has shown that all lanes are there.
                                 let (low, high) =
                                     unsafe { (load(low, at, lanes), load(high, at, lanes)) };
@@ -171,54 +170,6 @@ macro_rules! cost_in_registers {
                     }
                 }
             }
-        }
-
-        /// How many cells of pixel `x` of the run differ from those of the patterns at
-        /// `position` and after, as words.
-        #[target_feature(enable = $features)]
-        #[inline]
-        fn differing_cells<const MASKED: bool, const REGISTERS: usize>(
-            row: &CostRun<'_>,
-            x: usize,
-            position: usize,
-            lanes: usize,
-        ) -> [[Register; 2]; REGISTERS] {
-            let mut totals = [[zero(); 2]; REGISTERS];
-            let mut plane = 0;
-            while plane < row.inputs.count {
-                let end = row.inputs.count.min(plane + PLANES_PER_SUM);
-                let mut sums = [zero(); REGISTERS];
-                for plane in plane..end {
-                    // SAFETY: `is_inside` has shown that these planes have the pixel and all
-                    // lanes.
-                    unsafe {
-                        let input_at = row.inputs.stride * plane + row.start + x;
-                        let input = *row.inputs.bytes.get_unchecked(input_at);
-                        let input = broadcast_byte(input.cast_signed());
-                        let mask = if MASKED {
-                            let mask_at = row.masks.stride * plane + x;
-                            let mask = *row.masks.bytes.get_unchecked(mask_at);
-                            broadcast_byte(mask.cast_signed())
-                        } else {
-                            zero()
-                        };
-                        for (sum, index) in sums.iter_mut().zip(0..) {
-                            let stored_at = row.stored.stride * plane + position + index * lanes;
-                            let stored = load(row.stored.bytes, stored_at, lanes);
-                            let mut differing = xor(input, stored);
-                            if MASKED {
-                                differing = and(differing, mask);
-                            }
-                            *sum = add_bytes(*sum, popcount(differing));
-                        }
-                    }
-                }
-                for (total, sum) in totals.iter_mut().zip(sums) {
-                    *total = widen_add(*total, sum);
-                }
-                plane = end;
-            }
-            totals
         }
 
         /// Adds bytes to words.
