@@ -263,16 +263,30 @@ fn select(sums: &mut [i16]) -> Selected {
 #[inline(always)]
 #[must_use]
 pub fn parabola_q4(before: i16, after: i16) -> i16 {
-    let sum = before + after;
-    let difference = before.abs_diff(after) as i16;
+    let [step_q4] = parabolas_q4(&[before], &[after]);
+    step_q4
+}
+
+/// [`parabola_q4`] of many side by side: loops that become vector code.
+#[inline(always)]
+#[must_use]
+pub fn parabolas_q4<const N: usize>(before: &[i16; N], after: &[i16; N]) -> [i16; N] {
+    let mut steps = [0; N];
     // The quotient is at most 8: counting the half steps below it needs no division.
-    let is_curved = i16::from(sum > 0);
-    let mut steps = 0;
     for half in [1, 3, 5, 7, 9, 11, 13, 15] {
-        // 8 * 2 * difference / sum >= half; at most 15 times twice 765, three 8-bit paths.
-        steps += i16::from(difference * 16 >= half * sum) & is_curved;
+        for lane in 0..N {
+            let (before, after) = (before[lane], after[lane]);
+            let (sum, difference) = (before + after, before.abs_diff(after) as i16);
+            // 8 * 2 * difference / sum >= half; at most 15 times twice 765, three 8-bit paths.
+            steps[lane] += i16::from((difference * 16 >= half * sum) & (sum > 0));
+        }
     }
-    if before >= after { steps } else { -steps }
+    for lane in 0..N {
+        // All ones where it is negative: a branch would be mispredicted every other time.
+        let sign = -i16::from(before[lane] < after[lane]);
+        steps[lane] = (steps[lane] ^ sign) - sign;
+    }
+    steps
 }
 
 /// Checks the matches of a row from both sides: a pixel whose match lies outside the other
@@ -332,24 +346,22 @@ impl RowCheck<'_> {
         let others = others
             .and_then(|others| others.get(start..))
             .unwrap_or_default();
-        let pixels = self.best.iter().zip(self.refined_q4).zip(self.margins);
-        let outputs = found_q4.iter_mut().zip(confidences.iter_mut());
-        for (x, (((&best, &refined_q4), &margin), (found_q4, confidence))) in
-            pixels.zip(outputs).enumerate()
-        {
+        // Without branches: where views do not agree is hard to predict. First, all ones where
+        // they do.
+        for (x, (&best, agrees)) in self.best.iter().zip(&mut *found_q4).enumerate() {
             // Before the first of them, the position wraps round and is beyond the last.
             let position = (count - 1 - x + usize::from(best)).wrapping_sub(start);
-            let agrees = others.get(position).is_some_and(|&other| {
-                // The low half is the other pixel's index.
-                (other as u16).abs_diff(best) <= self.tolerance_px.into()
-            });
-            (*found_q4, *confidence) = if !agrees {
-                (INVALID, 0)
-            } else if margin >= self.margin {
-                (refined_q4, margin.clamp(1, 255) as u8)
-            } else {
-                (!refined_q4, 0)
-            };
+            // The low half is the other pixel's index; that of no match is far from any.
+            let other = others.get(position).map_or(u16::MAX, |&other| other as u16);
+            *agrees = -i16::from(other.abs_diff(best) <= self.tolerance_px.into());
+        }
+        let pixels = self.refined_q4.iter().zip(self.margins);
+        let outputs = found_q4.iter_mut().zip(confidences.iter_mut());
+        for ((&refined_q4, &margin), (found_q4, confidence)) in pixels.zip(outputs) {
+            let agrees = *found_q4;
+            let holds = -i16::from(margin >= self.margin);
+            *found_q4 = ((refined_q4 ^ !holds) & agrees) | (INVALID & !agrees);
+            *confidence = (margin.clamp(1, 255) & holds & agrees) as u8;
         }
         if self.texture_min == 0 {
             return;

@@ -39,7 +39,8 @@ impl HostKernels {
             if is_x86_feature_detected!("avx512f")
                 && is_x86_feature_detected!("avx512bw")
                 && is_x86_feature_detected!("avx512vl")
-                && is_x86_feature_detected!("avx512bitalg")
+                && is_x86_feature_detected!("avx512vbmi")
+                && is_x86_feature_detected!("avx512vpopcntdq")
                 && is_x86_feature_detected!("popcnt")
             {
                 levels.push(Self(Level::Avx512));
@@ -75,6 +76,8 @@ mod aggregate_avx2;
 #[cfg(target_arch = "x86_64")]
 mod aggregate_avx512;
 #[cfg(target_arch = "x86_64")]
+mod channel;
+#[cfg(target_arch = "x86_64")]
 mod cost;
 #[cfg(target_arch = "x86_64")]
 mod cost_avx2;
@@ -107,7 +110,7 @@ macro_rules! compiled_for {
 
             #[target_feature(enable = $features)]
             pub fn channel_row(format: PixelFormat, line: &[u8], channel: usize, row: &mut [u8]) {
-                format.channel(line, channel, row);
+                super::channel::channel_row(format, line, channel, row);
             }
 
             #[target_feature(enable = $features)]
@@ -127,11 +130,7 @@ macro_rules! compiled_for {
 
             #[target_feature(enable = $features)]
             pub fn mask_block(block: &mut MaskBlock<'_>) {
-                if block.lanes == matching::MASK_LANES {
-                    super::mask_avx2::mask_block(block);
-                } else {
-                    matching::mask_block(block);
-                }
+                super::mask_avx2::mask_block(block);
             }
 
             #[target_feature(enable = $features)]
@@ -186,7 +185,7 @@ compiled_for!(
 #[cfg(target_arch = "x86_64")]
 compiled_for!(
     avx512,
-    "avx512f,avx512bw,avx512vl,avx512bitalg,popcnt",
+    "avx512f,avx512bw,avx512vl,avx512vbmi,avx512vpopcntdq,popcnt",
     super::cost_avx512::cost_run,
     super::aggregate_avx512::aggregate_row,
     super::median_avx512::weighted_median_row

@@ -8,6 +8,7 @@ use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_chip_kernels::Armv7em;
 use vgstereo_core::aggregation::{AggregateRow, path_scratch_bytes};
+use vgstereo_core::camera::PixelFormat;
 use vgstereo_core::config::WeightedMedianParameters;
 use vgstereo_core::disparity::INVALID;
 use vgstereo_core::kernel::{Kernels, Portable};
@@ -184,6 +185,24 @@ fn arms(
     let mut arms = vec![-1; width];
     kernels.arms_row(&row, &mut vec![2; arms_scratch_bytes(width)], &mut arms);
     arms
+}
+
+/// Luma and channels of a line that may have another length than its rows.
+fn taken_apart(
+    kernels: impl Kernels,
+    format: PixelFormat,
+    (pixels, width): (usize, usize),
+    seed: u64,
+) -> [Vec<u8>; 1 + MAX_CHANNELS] {
+    let random = &mut Pcg32::seed_from_u64(seed);
+    let line = levels(random, pixels * format.bytes_per_pixel());
+    let mut rows = [(); 1 + MAX_CHANNELS].map(|()| vec![1; width]);
+    let [luma, channels @ ..] = &mut rows;
+    kernels.luma_row(format, &line, luma);
+    for (channel, row) in channels.iter_mut().enumerate() {
+        kernels.channel_row(format, &line, channel, row);
+    }
+    rows
 }
 
 /// Masks, and the number of cells in each.
@@ -429,6 +448,23 @@ proptest! {
             prop_assert_eq!(&cells(kernels, width, seed), &expected, "{}", kernels.name());
         }
         prop_assert_eq!(&cells(Armv7em, width, seed), &expected, "Armv7em");
+    }
+
+    #[test]
+    fn lines_taken_apart_are_alike(
+        format in prop::sample::select(&PixelFormat::ALL[..]),
+        pixels in 0_usize..80,
+        width in 1_usize..80,
+        is_whole in any::<bool>(),
+        seed in any::<u64>(),
+    ) {
+        let size = (if is_whole { width } else { pixels }, width);
+        let expected = taken_apart(Portable, format, size, seed);
+        for kernels in HostKernels::available() {
+            let found = taken_apart(kernels, format, size, seed);
+            prop_assert_eq!(&found, &expected, "{}", kernels.name());
+        }
+        prop_assert_eq!(&taken_apart(Armv7em, format, size, seed), &expected, "Armv7em");
     }
 
     #[test]

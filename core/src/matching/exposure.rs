@@ -100,17 +100,12 @@ pub fn convert_row(conversion: &LevelConversion, levels: &[u8], low: &mut [u8], 
     let zone = conversion.dead_zone;
     for ((&level, low), high) in levels.iter().zip(low).zip(high) {
         let converted = conversion.apply(level);
-        // A level at the end of its range may have been beyond it.
-        *low = if level == 0 {
-            0
-        } else {
-            converted.saturating_sub(zone)
-        };
-        *high = if level == u8::MAX {
-            level
-        } else {
-            converted.saturating_add(zone)
-        };
+        // A level at the end of its range may have been beyond it. All ones or none, so that
+        // the loop becomes vector code.
+        let is_above = u8::from(level > 0).wrapping_neg();
+        let is_highest = u8::from(level == u8::MAX).wrapping_neg();
+        *low = converted.saturating_sub(zone) & is_above;
+        *high = converted.saturating_add(zone) | is_highest;
     }
 }
 

@@ -25,7 +25,8 @@ pub struct RegionVote<'m, K> {
     arms: RowRing<'m>,
     arms_row: &'m mut [i16],
     arms_scratch: &'m mut [u8],
-    votes: &'m mut [u16],
+    /// At most one of every pixel of a window of 255 columns and [`MAX_LINES`].
+    votes: &'m mut [i16],
     parameters: RegionVoteParameters,
     done: u32,
 }
@@ -41,7 +42,7 @@ impl RegionVote<'_, ()> {
         2 * RowRing::memory_words(width, 0, 2 * parameters.reach_y_px as usize + 1)
             + words(width, size_of::<i16>())
             + words(arms_scratch_bytes(width), 1)
-            + words(disparities.count as usize + 1, size_of::<u16>())
+            + words(disparities.count as usize + 1, size_of::<i16>())
     }
 }
 
@@ -148,6 +149,7 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
                 continue;
             }
             self.votes.fill(0);
+            let mut total = 0;
             let above = window.reach_up(centre, x);
             let below = window.reach_down(centre, x);
             let surface = starts.get(centre - above..=centre + below);
@@ -163,9 +165,9 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
                 // Within the row.
                 let [left, right] = arms.to_le_bytes().map(usize::from);
                 let run = self.rows.values().get(at - left..=at + right);
-                count_votes(run.unwrap_or_default(), self.votes);
+                total += count_votes(run.unwrap_or_default(), self.votes);
             }
-            if let Some(elected_q4) = self.elect()
+            if let Some(elected_q4) = self.elect(total)
                 && let Some(pixel) = self.rows.values_mut().get_mut(own_start + x)
             {
                 *pixel = elected_q4;
@@ -174,28 +176,29 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
         true
     }
 
-    /// The disparity that wins, 1/16 px.
-    fn elect(&self) -> Option<i16> {
-        let (_, votes) = self.votes.split_last()?;
-        let (mut total, mut most, mut first) = (0_u32, 0, 0);
-        for (index, &votes) in votes.iter().enumerate() {
-            total += u32::from(votes);
-            if votes > most {
-                (most, first) = (votes, index);
-            }
+    /// The disparity that wins, 1/16 px, of so many votes in all.
+    fn elect(&self, total: usize) -> Option<i16> {
+        let (&none, votes) = self.votes.split_last()?;
+        let total = total - usize::from(none.cast_unsigned());
+        // Reductions, which become vector code.
+        let most = votes.iter().fold(0, |a, &b| a.max(b));
+        let mut first = i16::MAX;
+        for (&votes, index) in votes.iter().zip(0_i16..) {
+            first = first.min(if votes == most { index } else { i16::MAX });
         }
-        let wins = total > self.parameters.support_min.into()
-            && u32::from(most) * 100 > total * u32::from(self.parameters.share_min_percent);
+        let share_min = usize::from(self.parameters.share_min_percent);
+        let wins = total > usize::from(self.parameters.support_min)
+            && usize::from(most.cast_unsigned()) * 100 > total * share_min;
         // Within the range, and so within 1/16 px.
-        wins.then_some(first as i16 * STEPS_PER_PX)
+        wins.then_some(first * STEPS_PER_PX)
     }
 }
 
 /// Counts every other disparity of a run, rounded to px; those that do not hold in the last
-/// place.
-fn count_votes(run_q4: &[i16], votes: &mut [u16]) {
+/// place. Gives how many.
+fn count_votes(run_q4: &[i16], votes: &mut [i16]) -> usize {
     let Some(last) = votes.len().checked_sub(1) else {
-        return;
+        return 0;
     };
     for &found_q4 in run_q4.iter().step_by(2) {
         // Negative where rejected or in doubt, and then beyond every disparity.
@@ -204,6 +207,7 @@ fn count_votes(run_q4: &[i16], votes: &mut [u16]) {
             *votes += 1;
         }
     }
+    run_q4.len().div_ceil(2)
 }
 
 /// The lines around a row, and how far the surface of a pixel reaches in them.
@@ -230,6 +234,15 @@ impl Window<'_> {
     fn reach(&self, index: usize, x: usize, path: impl Iterator<Item = usize>) -> usize {
         let reach = self.parameters.reach_y_px;
         let near = usize::from(reach / 2);
+        let levels = |index: usize| -> [u8; MAX_CHANNELS] {
+            let mut levels = [0; MAX_CHANNELS];
+            let rows = self.lines.get(index).into_iter().flatten();
+            for (level, row) in levels.iter_mut().zip(rows).take(self.channels) {
+                *level = row.get(x).copied().unwrap_or(0);
+            }
+            levels
+        };
+        let own = levels(index);
         let mut count = 0;
         for other in path.take(reach.into()) {
             let step = if count < near {
@@ -237,12 +250,9 @@ impl Window<'_> {
             } else {
                 self.parameters.far_step
             };
-            let is_like = |channel: usize| {
-                let level = |index: usize| self.lines.get(index)?.get(channel)?.get(x);
-                let levels = level(index).zip(level(other));
-                levels.is_some_and(|(&a, &b)| a.abs_diff(b) <= step)
-            };
-            if !(0..self.channels).all(is_like) {
+            // Levels of channels that are not there are the same.
+            let other = levels(other);
+            if own.iter().zip(&other).any(|(a, b)| a.abs_diff(*b) > step) {
                 break;
             }
             count += 1;

@@ -4,7 +4,9 @@
 //! The loops are the same for every instruction set; [`aggregate_in_registers`] puts them
 //! beside the registers' own operations.
 
-use vgstereo_core::aggregation::parabola_q4;
+use std::cell::Cell;
+
+use vgstereo_core::aggregation::parabolas_q4;
 use vgstereo_core::disparity::STEPS_PER_PX;
 use vgstereo_core::matching::NO_DISTANCE;
 
@@ -38,26 +40,32 @@ pub fn key_tails(disparities: usize) -> [u16; MAX_STRIDE] {
     tails
 }
 
-/// [`NO_KEY`] for a disparity and its neighbours, 0 for the others.
-#[inline]
-pub fn around(index: usize) -> &'static [u16; MAX_STRIDE] {
-    static AROUND: [[u16; MAX_STRIDE]; MAX_STRIDE] = {
-        let mut around = [[0; MAX_STRIDE]; MAX_STRIDE];
+/// Where the keys of a disparity and its neighbours stand; of the first and the last its own
+/// instead of one outside.
+#[inline(always)]
+fn places_around(index: usize) -> [u8; 3] {
+    static PLACES: [[u8; 3]; MAX_STRIDE] = {
+        let mut places = [[0; 3]; MAX_STRIDE];
         let mut index = 0;
         while index < MAX_STRIDE {
-            around[index][place(index)] = NO_KEY;
-            if index > 0 {
-                around[index][place(index - 1)] = NO_KEY;
-                around[index - 1][place(index)] = NO_KEY;
-            }
+            let after = if index + 1 < MAX_STRIDE {
+                index + 1
+            } else {
+                index
+            };
+            places[index] = [
+                place(index.saturating_sub(1)) as u8,
+                place(index) as u8,
+                place(after) as u8,
+            ];
             index += 1;
         }
-        around
+        places
     };
-    &AROUND[index % MAX_STRIDE]
+    PLACES[index % MAX_STRIDE]
 }
 
-/// The key of a disparity, counted round from the last to the first.
+/// The key of a disparity.
 #[inline]
 pub fn key_at(keys: &[u16; MAX_STRIDE], index: usize) -> u16 {
     keys[place(index)]
@@ -66,28 +74,57 @@ pub fn key_at(keys: &[u16; MAX_STRIDE], index: usize) -> u16 {
 /// A key as core's `AggregateRow::other_best` has it.
 #[inline]
 pub fn other_of(key: u16) -> u32 {
-    match key {
-        NO_KEY => u32::MAX,
-        key => (u32::from(key >> INDEX_BITS) << 16) | (u32::from(key) % MAX_STRIDE as u32),
-    }
+    let all_ones = u32::from(key == NO_KEY).wrapping_neg();
+    all_ones | (u32::from(key >> INDEX_BITS) << 16) | (u32::from(key) % MAX_STRIDE as u32)
 }
+
+/// The keys of a pixel, in the order of [`place`]. No load of them straddles two cache lines.
+#[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
+pub struct PixelKeys(pub [u16; MAX_STRIDE]);
 
 /// What is known of the pixels of a block before it is written, side by side: the loops
 /// over them become vector code.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct SelectedBlock {
+    /// Keys of each pixel's disparities, until [`SelectedBlock::remove_best`].
+    pub keys: [PixelKeys; BLOCK],
     /// Keys of the best and of the best without it and its neighbours.
     pub least: [u16; BLOCK],
     pub second: [u16; BLOCK],
     /// Keys beside the best; anything at the ends of the range.
-    pub before: [u16; BLOCK],
-    pub after: [u16; BLOCK],
-    /// Keys of the other view's pixels that are decided.
+    before: [u16; BLOCK],
+    after: [u16; BLOCK],
+    /// Keys of the other view's pixels that are decided, the last one first.
     pub others: [u16; BLOCK],
 }
 
 impl SelectedBlock {
-    /// Inlined so that it is compiled for the caller's instruction set.
+    pub const NONE: Self = Self {
+        keys: [PixelKeys([NO_KEY; MAX_STRIDE]); BLOCK],
+        least: [NO_KEY; BLOCK],
+        second: [NO_KEY; BLOCK],
+        before: [NO_KEY; BLOCK],
+        after: [NO_KEY; BLOCK],
+        others: [NO_KEY; BLOCK],
+    };
+
+    /// Takes the best and its neighbours out of the keys, for the second best.
+    #[inline(always)]
+    pub fn remove_best(&mut self) {
+        let sides = self.before.iter_mut().zip(&mut self.after);
+        for ((keys, least), (before, after)) in self.keys.iter_mut().zip(self.least).zip(sides) {
+            let [first, middle, last] = places_around(least.into()).map(usize::from);
+            *before = keys.0[first % MAX_STRIDE];
+            *after = keys.0[last % MAX_STRIDE];
+            for place in [first, middle, last] {
+                keys.0[place % MAX_STRIDE] = NO_KEY;
+            }
+        }
+    }
+
+    /// Writes the first pixels, as many as there are. Inlined so that it is compiled for the
+    /// caller's instruction set.
     #[inline(always)]
     pub fn write(
         &self,
@@ -98,22 +135,27 @@ impl SelectedBlock {
     ) {
         let last = disparities as u16 - 1;
         let mut indices = [0; BLOCK];
-        let mut refined = [0; BLOCK];
+        let (mut before, mut after) = ([0; BLOCK], [0; BLOCK]);
         let mut margin = [0; BLOCK];
         for lane in 0..BLOCK {
             let (least, second) = (self.least[lane], self.second[lane]);
             let index = least % MAX_STRIDE as u16;
             let sum = sum_of(least);
-            let is_inside = (index > 0) & (index < last);
-            let side = |side| if is_inside { sum_of(side) - sum } else { 0 };
-            let step_q4 = parabola_q4(side(self.before[lane]), side(self.after[lane]));
+            // All ones where there is a disparity on either side.
+            let is_inside = -i16::from((index > 0) & (index < last));
+            before[lane] = (sum_of(self.before[lane]) - sum) & is_inside;
+            after[lane] = (sum_of(self.after[lane]) - sum) & is_inside;
             indices[lane] = index;
-            refined[lane] = index.cast_signed() * STEPS_PER_PX + step_q4;
-            let second = match second {
-                NO_KEY => NO_DISTANCE,
-                key => sum_of(key),
+            let second = if second == NO_KEY {
+                NO_DISTANCE
+            } else {
+                sum_of(second)
             };
             margin[lane] = second - sum;
+        }
+        let mut refined = parabolas_q4(&before, &after);
+        for (refined, &index) in refined.iter_mut().zip(&indices) {
+            *refined += index.cast_signed() * STEPS_PER_PX;
         }
         let count = best.len();
         best.copy_from_slice(&indices[..count]);
@@ -128,6 +170,11 @@ fn sum_of(key: u16) -> i16 {
     (key >> INDEX_BITS).cast_signed()
 }
 
+thread_local! {
+    /// Scratch of a thread: path costs from the left, of a row of pixels.
+    pub static FROM_LEFT: Cell<Vec<u8>> = const { Cell::new(Vec::new()) };
+}
+
 /// Defines `aggregate_row`, the same as core's and that itself for more disparities.
 ///
 /// A macro because a function cannot be compiled for the instruction set of its caller. It
@@ -136,111 +183,104 @@ fn sum_of(key: u16) -> i16 {
 /// - `Costs`, the bytes of [`MAX_STRIDE`] disparities, with `broadcast`, `load` (255 after
 ///   the last), `store` (of as many as there is room for) and `step_path`;
 /// - `Keys`, as many words in the order of [`place`], with `join` (the sums of three paths
-///   with the tails of keys), `lesser`, `either` (of the bits), `least_key`, and `advance`,
-///   which moves all to the next disparity.
+///   with the tails of keys), `lesser`, `least_key`, and `advance`, which moves all to the
+///   next disparity.
 macro_rules! aggregate_in_registers {
     ($features:literal) => {
         #[target_feature(enable = $features)]
         pub fn aggregate_row(row: &mut AggregateRow<'_>) {
-            if row.stride > MAX_STRIDE {
-                aggregation::aggregate_row(row);
-            } else {
-                aggregate_registers(row);
+            match row.stride {
+                16 => aggregate_registers::<16>(row),
+                32 => aggregate_registers::<32>(row),
+                48 => aggregate_registers::<48>(row),
+                64 => aggregate_registers::<64>(row),
+                _ => aggregation::aggregate_row(row),
             }
         }
 
-        /// The same for strides of at most [`MAX_STRIDE`].
+        /// The same for a stride of at most [`MAX_STRIDE`] that the compiler knows.
         #[target_feature(enable = $features)]
-        fn aggregate_registers(row: &mut AggregateRow<'_>) {
-            let (stride, count) = (row.stride.min(MAX_STRIDE), row.best.len());
+        fn aggregate_registers<const STRIDE: usize>(row: &mut AggregateRow<'_>) {
+            let count = row.best.len();
             row.other_best.fill(u32::MAX);
-            if stride == 0 || count == 0 {
+            if count == 0 {
                 return;
             }
             let p1 = broadcast(row.p1);
+            // Where all costs of a path are the same, the step from it costs nothing: what a
+            // path begins with.
+            let beginning = broadcast(0);
 
-            // From the right, over the penalties between a pixel and the one on its right.
-            // Each of these waits for the one before; the path down, which does not, fills
-            // the time.
-            let pixels = row
-                .costs
-                .chunks_exact(stride)
-                .zip(row.from_right.chunks_exact_mut(stride))
-                .zip(row.from_above.chunks_exact_mut(stride));
-            let penalties = std::iter::once(&0).chain(row.p2_along.iter().skip(1).rev());
-            let penalties = penalties.zip(row.p2_down.iter().rev());
-            let mut path = broadcast(0);
-            for (index, (((costs, from_right), from_above), (&p2_along, &p2_down))) in
-                pixels.rev().zip(penalties).enumerate()
+            // Along a path each pixel waits for the one before; two of them and the path
+            // down, which does not, fill each other's time.
+            let mut scratch = FROM_LEFT.take();
+            scratch.resize(scratch.len().max(count * STRIDE), 0);
+            let from_left = scratch.as_chunks_mut::<STRIDE>().0;
+            let from_right = row.from_right.as_chunks_mut::<STRIDE>().0;
+            let from_above = row.from_above.as_chunks_mut::<STRIDE>().0;
+            let costs = row.costs.as_chunks::<STRIDE>().0;
+            if row.is_first {
+                from_above.as_flattened_mut().fill(0);
+            }
+            let rightwards = (costs.iter().zip(&mut *from_left))
+                .zip(&mut *from_above)
+                .zip(row.p2_along.iter().zip(row.p2_down));
+            let leftwards = costs.iter().zip(&mut *from_right).zip(row.p2_along).rev();
+            let (mut left, mut right) = (beginning, beginning);
+            // Between a pixel and the one on its right.
+            let mut p2_right = 0;
+            for (
+                (((costs, from_left), from_above), (&p2_left, &p2_down)),
+                ((right_costs, from_right), &p2_along),
+            ) in rightwards.zip(leftwards)
             {
                 let costs = load(costs);
-                path = if index == 0 {
-                    costs
-                } else {
-                    step_path(path, costs, p1, broadcast(p2_along))
-                };
-                store(from_right, path);
-                let down = if row.is_first {
-                    costs
-                } else {
-                    step_path(load(from_above), costs, p1, broadcast(p2_down))
-                };
+                left = step_path(left, costs, p1, broadcast(p2_left));
+                store(from_left, left);
+                right = step_path(right, load(right_costs), p1, broadcast(p2_right));
+                store(from_right, right);
+                p2_right = p2_along;
+                let down = step_path(load(from_above), costs, p1, broadcast(p2_down));
                 store(from_above, down);
             }
 
-            // From the left; all three are there, so each pixel is decided at once.
-            let blocks = row
-                .costs
-                .chunks(stride * BLOCK)
-                .zip(row.from_right.chunks(stride * BLOCK))
-                .zip(row.from_above.chunks(stride * BLOCK))
-                .zip(row.p2_along.chunks(BLOCK));
+            let blocks = (from_left.chunks(BLOCK))
+                .zip(from_right.chunks(BLOCK))
+                .zip(from_above.chunks(BLOCK));
             let outputs = row
                 .best
                 .chunks_mut(BLOCK)
                 .zip(row.refined_q4.chunks_mut(BLOCK))
                 .zip(row.margins.chunks_mut(BLOCK));
-            let disparities = row.disparities.clamp(1, stride);
+            let disparities = row.disparities.clamp(1, STRIDE);
             let tails = load_keys(&key_tails(disparities));
             // The best matches of the other view's pixels that this pixel's disparities
             // reach: of the next pixel they are one further on.
             let mut others = load_keys(&[NO_KEY; MAX_STRIDE]);
             let mut others_end = count + disparities - 1;
-            let mut selected = SelectedBlock::default();
-            for (block, ((((costs, from_right), from_above), p2_along), outputs)) in
-                blocks.zip(outputs).enumerate()
-            {
-                let pixels = costs
-                    .chunks_exact(stride)
-                    .zip(from_right.chunks_exact(stride))
-                    .zip(from_above.chunks_exact(stride))
-                    .zip(p2_along);
-                for (lane, (((costs, from_right), from_above), &p2)) in
-                    pixels.enumerate().take(BLOCK)
+            let mut selected = SelectedBlock::NONE;
+            for (((from_left, from_right), from_above), outputs) in blocks.zip(outputs) {
+                let pixels = from_left.iter().zip(from_right).zip(from_above);
+                for (lane, ((from_left, from_right), from_above)) in pixels.enumerate().take(BLOCK)
                 {
-                    let costs = load(costs);
-                    path = if block == 0 && lane == 0 {
-                        costs
-                    } else {
-                        step_path(path, costs, p1, broadcast(p2))
-                    };
-                    let keys = join([path, load(from_right), load(from_above)], tails);
+                    let keys = join([load(from_left), load(from_right), load(from_above)], tails);
                     others = lesser(advance(others), keys);
                     // No later pixel reaches the last.
-                    selected.others[lane] = key_at(&words(others), disparities - 1);
-                    let least = least_key(keys);
-                    let index = usize::from(least) % MAX_STRIDE;
-                    selected.least[lane] = least;
-                    selected.second[lane] = least_key(either(keys, load_keys(around(index))));
-                    let keys = words(keys);
-                    selected.before[lane] = key_at(&keys, index + MAX_STRIDE - 1);
-                    selected.after[lane] = key_at(&keys, index + 1);
+                    selected.others[BLOCK - 1 - lane] = key_at(&words(others), disparities - 1);
+                    selected.least[lane] = least_key(keys);
+                    selected.keys[lane].0 = words(keys);
+                }
+                // In loops of their own, where no pixel waits for another.
+                selected.remove_best();
+                for (second, keys) in selected.second.iter_mut().zip(&selected.keys) {
+                    *second = least_key(load_keys(&keys.0));
                 }
                 let ((best, refined_q4), margins) = outputs;
                 selected.write(disparities, best, refined_q4, margins);
                 let others_start = others_end - best.len();
+                let decided = &selected.others[BLOCK - best.len()..];
                 if let Some(other_best) = row.other_best.get_mut(others_start..others_end) {
-                    for (other, &key) in other_best.iter_mut().rev().zip(&selected.others) {
+                    for (other, &key) in other_best.iter_mut().zip(decided) {
                         *other = other_of(key);
                     }
                 }
@@ -250,6 +290,7 @@ macro_rules! aggregate_in_registers {
             for (index, other) in row.other_best.iter_mut().take(disparities).enumerate() {
                 *other = other_of(key_at(&others, index));
             }
+            FROM_LEFT.set(scratch);
         }
 
         #[target_feature(enable = $features)]

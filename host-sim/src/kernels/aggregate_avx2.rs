@@ -5,8 +5,8 @@ use std::arch::x86_64::*;
 use vgstereo_core::aggregation::{self, AggregateRow};
 
 use super::aggregate::{
-    BLOCK, INDEX_BITS, MAX_STRIDE, NO_KEY, SelectedBlock, aggregate_in_registers, around, key_at,
-    key_tails, other_of,
+    BLOCK, FROM_LEFT, INDEX_BITS, MAX_STRIDE, NO_KEY, SelectedBlock, aggregate_in_registers,
+    key_at, key_tails, other_of,
 };
 
 /// Bytes of a register.
@@ -89,15 +89,6 @@ fn lesser([a, b]: Keys, [c, d]: Keys) -> Keys {
     [
         [_mm256_min_epu16(a[0], c[0]), _mm256_min_epu16(a[1], c[1])],
         [_mm256_min_epu16(b[0], d[0]), _mm256_min_epu16(b[1], d[1])],
-    ]
-}
-
-#[target_feature(enable = "avx2")]
-#[inline]
-fn either([a, b]: Keys, [c, d]: Keys) -> Keys {
-    [
-        [_mm256_or_si256(a[0], c[0]), _mm256_or_si256(a[1], c[1])],
-        [_mm256_or_si256(b[0], d[0]), _mm256_or_si256(b[1], d[1])],
     ]
 }
 

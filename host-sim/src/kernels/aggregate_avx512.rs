@@ -5,25 +5,47 @@ use std::arch::x86_64::*;
 use vgstereo_core::aggregation::{self, AggregateRow};
 
 use super::aggregate::{
-    BLOCK, INDEX_BITS, MAX_STRIDE, NO_KEY, SelectedBlock, aggregate_in_registers, around, key_at,
-    key_tails, other_of,
+    BLOCK, FROM_LEFT, INDEX_BITS, MAX_STRIDE, NO_KEY, SelectedBlock, aggregate_in_registers,
+    key_at, key_tails, other_of,
 };
 
 type Costs = __m512i;
 type Keys = [__m512i; 2];
 
-aggregate_in_registers!("avx512f,avx512bw,avx512vl");
+aggregate_in_registers!("avx512f,avx512bw,avx512vl,avx512vbmi");
+
+/// The places of a register one further down, those of one further up, round the ends.
+static BELOW: [u8; MAX_STRIDE] = places_from(MAX_STRIDE - 1);
+static ABOVE: [u8; MAX_STRIDE] = places_from(1);
+
+const fn places_from(first: usize) -> [u8; MAX_STRIDE] {
+    let mut places = [0; MAX_STRIDE];
+    let mut place = 0;
+    while place < MAX_STRIDE {
+        places[place] = ((first + place) % MAX_STRIDE) as u8;
+        place += 1;
+    }
+    places
+}
+
+/// Ones in a place alone: a guard, as costs and keys of all ones lose against every other.
+static FIRST: [u8; MAX_STRIDE] = guard_at(0);
+static LAST: [u8; MAX_STRIDE] = guard_at(MAX_STRIDE - 1);
+
+const fn guard_at(place: usize) -> [u8; MAX_STRIDE] {
+    let mut guard = [0; MAX_STRIDE];
+    guard[place] = u8::MAX;
+    guard
+}
 
 /// One pixel along a path.
-#[target_feature(enable = "avx512f,avx512bw,avx512vl")]
+#[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi")]
 #[inline]
 fn step_path(previous: Costs, costs: Costs, p1: Costs, p2: Costs) -> Costs {
-    let guard = _mm512_set1_epi64(-1);
-    // By whole quarters first, then by bytes within them.
-    let quarter_before = _mm512_alignr_epi64::<6>(previous, guard);
-    let below = _mm512_alignr_epi8::<15>(previous, quarter_before);
-    let quarter_after = _mm512_alignr_epi64::<2>(guard, previous);
-    let above = _mm512_alignr_epi8::<1>(quarter_after, previous);
+    let below = _mm512_permutexvar_epi8(load(&BELOW), previous);
+    let above = _mm512_permutexvar_epi8(load(&ABOVE), previous);
+    let below = _mm512_or_si512(below, load(&FIRST));
+    let above = _mm512_or_si512(above, load(&LAST));
     let step = _mm512_adds_epu8(_mm512_min_epu8(below, above), p1);
     // No path cost is below the least.
     let onward = _mm512_sub_epi8(_mm512_min_epu8(previous, step), least_cost(previous));
@@ -31,7 +53,7 @@ fn step_path(previous: Costs, costs: Costs, p1: Costs, p2: Costs) -> Costs {
 }
 
 /// The least byte, in all bytes.
-#[target_feature(enable = "avx512f,avx512bw,avx512vl")]
+#[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi")]
 #[inline]
 fn least_cost(costs: Costs) -> Costs {
     let half = _mm256_min_epu8(
@@ -47,7 +69,7 @@ fn least_cost(costs: Costs) -> Costs {
     _mm512_broadcastb_epi8(_mm_minpos_epu16(words))
 }
 
-#[target_feature(enable = "avx512f,avx512bw,avx512vl")]
+#[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi")]
 #[inline]
 fn join([a, b, c]: [Costs; 3], tails: Keys) -> Keys {
     let even = |costs| _mm512_and_si512(costs, _mm512_set1_epi16(255));
@@ -62,27 +84,22 @@ fn join([a, b, c]: [Costs; 3], tails: Keys) -> Keys {
     ]
 }
 
-#[target_feature(enable = "avx512f,avx512bw,avx512vl")]
+#[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi")]
 #[inline]
 fn lesser(a: Keys, b: Keys) -> Keys {
     [_mm512_min_epu16(a[0], b[0]), _mm512_min_epu16(a[1], b[1])]
 }
 
-#[target_feature(enable = "avx512f,avx512bw,avx512vl")]
-#[inline]
-fn either(a: Keys, b: Keys) -> Keys {
-    [_mm512_or_si512(a[0], b[0]), _mm512_or_si512(a[1], b[1])]
-}
-
-#[target_feature(enable = "avx512f,avx512bw,avx512vl")]
+#[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi")]
 #[inline]
 fn advance([even, odd]: Keys) -> Keys {
-    let no_key = _mm512_set1_epi16(NO_KEY.cast_signed());
-    let quarter_before = _mm512_alignr_epi64::<6>(odd, no_key);
-    [_mm512_alignr_epi8::<14>(odd, quarter_before), even]
+    let words = |bytes| _mm512_cvtepu8_epi16(_mm512_castsi512_si256(bytes));
+    let before = _mm512_permutexvar_epi16(words(load(&BELOW)), odd);
+    let first = _mm512_set_epi64(0, 0, 0, 0, 0, 0, 0, NO_KEY.into());
+    [_mm512_or_si512(before, first), even]
 }
 
-#[target_feature(enable = "avx512f,avx512bw,avx512vl")]
+#[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi")]
 #[inline]
 fn least_key(keys: Keys) -> u16 {
     let v = _mm512_min_epu16(keys[0], keys[1]);
@@ -94,7 +111,7 @@ fn least_key(keys: Keys) -> u16 {
     _mm_cvtsi128_si32(_mm_minpos_epu16(quarter)) as u16
 }
 
-#[target_feature(enable = "avx512f,avx512bw,avx512vl")]
+#[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi")]
 #[inline]
 fn broadcast(cost: u8) -> Costs {
     _mm512_set1_epi8(cost.cast_signed())
@@ -110,7 +127,7 @@ fn mask_of(length: usize) -> u64 {
     }
 }
 
-#[target_feature(enable = "avx512f,avx512bw,avx512vl")]
+#[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi")]
 #[inline]
 fn load(costs: &[u8]) -> Costs {
     // SAFETY: only the bytes that the slice has are read.
@@ -123,7 +140,7 @@ fn load(costs: &[u8]) -> Costs {
     }
 }
 
-#[target_feature(enable = "avx512f,avx512bw,avx512vl")]
+#[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi")]
 #[inline]
 fn store(costs: &mut [u8], register: Costs) {
     // SAFETY: only the bytes that the slice has are written.

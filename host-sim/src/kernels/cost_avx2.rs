@@ -14,12 +14,72 @@ use std::arch::x86_64::{
 
 use vgstereo_core::matching::{self, CostRun, MAX_CHANNELS, cost_stride};
 
-use super::cost::{PLANES_PER_SUM, beyond, cost_in_registers, is_inside};
+use super::cost::{beyond, cost_in_registers, is_inside};
 
 /// Disparities side by side; there are half as many where there are no more.
 const LANES: usize = 32;
 
+/// Planes whose differing cells are summed in 8 bits: at most 31 * 8 of them.
+const PLANES_PER_SUM: usize = 31;
+
 cost_in_registers!("avx2");
+
+/// The patterns of a run as they are, in planes of bytes.
+struct Patterns<'a>(&'a CostRun<'a>);
+
+impl<'a> Patterns<'a> {
+    fn new(row: &'a CostRun<'a>) -> Self {
+        Self(row)
+    }
+
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn differing_cells<const MASKED: bool, const REGISTERS: usize>(
+        &self,
+        x: usize,
+        start: usize,
+        lanes: usize,
+    ) -> [[Register; 2]; REGISTERS] {
+        let row = self.0;
+        let position = row.first_position - x + start;
+        let mut totals = [[zero(); 2]; REGISTERS];
+        let mut plane = 0;
+        while plane < row.inputs.count {
+            let end = row.inputs.count.min(plane + PLANES_PER_SUM);
+            let mut sums = [zero(); REGISTERS];
+            for plane in plane..end {
+                // SAFETY: `is_inside` has shown that these planes have the pixel and all
+                // lanes.
+                unsafe {
+                    let input_at = row.inputs.stride * plane + row.start + x;
+                    let input = *row.inputs.bytes.get_unchecked(input_at);
+                    let input = broadcast_byte(input.cast_signed());
+                    let mask = if MASKED {
+                        let mask_at = row.masks.stride * plane + x;
+                        let mask = *row.masks.bytes.get_unchecked(mask_at);
+                        broadcast_byte(mask.cast_signed())
+                    } else {
+                        zero()
+                    };
+                    for (sum, index) in sums.iter_mut().zip(0..) {
+                        let stored_at = row.stored.stride * plane + position + index * lanes;
+                        let stored = load(row.stored.bytes, stored_at, lanes);
+                        let mut differing = xor(input, stored);
+                        if MASKED {
+                            differing = and(differing, mask);
+                        }
+                        *sum = add_bytes(*sum, popcount(differing));
+                    }
+                }
+            }
+            for (total, sum) in totals.iter_mut().zip(sums) {
+                *total = widen_add(*total, sum);
+            }
+            plane = end;
+        }
+        totals
+    }
+}
 
 /// Ones of each byte, by looking up its halves.
 #[target_feature(enable = "avx2")]

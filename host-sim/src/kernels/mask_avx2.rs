@@ -2,12 +2,17 @@
 
 use std::arch::x86_64::*;
 
-use vgstereo_core::matching::{MASK_LANES, MAX_CHANNELS, MaskBlock};
+use vgstereo_core::matching::{self, MASK_LANES, MAX_CHANNELS, MaskBlock};
 use vgstereo_core::minchinton::CELLS_PER_BYTE;
 
-/// The same as core's `mask_block`, for blocks of [`MASK_LANES`] pixels.
+/// The same as core's `mask_block`, and that itself for blocks of fewer than [`MASK_LANES`]
+/// pixels or beyond the levels.
 #[target_feature(enable = "avx2")]
 pub fn mask_block(block: &mut MaskBlock<'_>) {
+    if block.lanes != MASK_LANES || !is_inside(block) {
+        matching::mask_block(block);
+        return;
+    }
     match block.channels {
         1 => compare::<1>(block),
         _ => compare::<MAX_CHANNELS>(block),
@@ -49,51 +54,48 @@ pub fn mask_block(block: &mut MaskBlock<'_>) {
     }
 }
 
-/// Writes the cells: the larger differences of two samples from their pixels, summed over
-/// the channels and at most 255, in signed order.
+/// Whether every level that the block looks at is there.
+#[inline(always)]
+fn is_inside(block: &MaskBlock<'_>) -> bool {
+    let last = block.starts.iter().fold(0, |last, &start| last.max(start));
+    let end = block.centre.max(last as usize + block.first) + MASK_LANES;
+    let mut levels = block.levels.iter().take(block.channels);
+    (block.channels == 1 || block.channels == MAX_CHANNELS) && levels.all(|l| end <= l.len())
+}
+
+/// Writes the cells of a block that [`is_inside`]: the larger differences of two samples
+/// from their pixels, summed over the channels and at most 255, in signed order.
 #[target_feature(enable = "avx2")]
 #[inline]
 fn compare<const CHANNELS: usize>(block: &mut MaskBlock<'_>) {
-    let cells = block.cells.as_chunks_mut::<MASK_LANES>().0;
-    // Strips of one shape; said so that one check serves all.
-    let length = block.levels[..CHANNELS].iter().map(|levels| levels.len());
-    let length = length.min().unwrap_or(0);
-    let levels: [&[u8]; CHANNELS] = std::array::from_fn(|channel| &block.levels[channel][..length]);
-    let mut centres = [_mm256_setzero_si256(); CHANNELS];
-    for (centre, levels) in centres.iter_mut().zip(&levels) {
-        *centre = load_at(levels, block.centre);
-    }
+    let levels: [&[u8]; CHANNELS] = std::array::from_fn(|channel| block.levels[channel]);
+    // SAFETY: `is_inside` has shown that the block's pixels are there.
+    let centres = levels.map(|levels| unsafe { load_at(levels, block.centre) });
+    let difference = |start: u32| {
+        let mut sum = _mm256_setzero_si256();
+        for (centre, levels) in centres.iter().zip(levels) {
+            // SAFETY: and that their samples are.
+            let samples = unsafe { load_at(levels, start as usize + block.first) };
+            // One of the two is 0.
+            let difference = _mm256_or_si256(
+                _mm256_subs_epu8(*centre, samples),
+                _mm256_subs_epu8(samples, *centre),
+            );
+            sum = _mm256_adds_epu8(sum, difference);
+        }
+        sum
+    };
     let Some(&first) = block.starts.first() else {
         return;
     };
     // A synapse's partner is the next; that of the last is the first.
-    let mut partner = difference(&levels, &centres, first as usize + block.first);
+    let mut partner = difference(first);
+    let cells = block.cells.as_chunks_mut::<MASK_LANES>().0;
     for (cell, &start) in cells.iter_mut().zip(block.starts).rev() {
-        let own = difference(&levels, &centres, start as usize + block.first);
+        let own = difference(start);
         store(cell, in_signed_order(_mm256_max_epu8(own, partner)));
         partner = own;
     }
-}
-
-/// Differences of the samples from `start` on from their pixels.
-#[target_feature(enable = "avx2")]
-#[inline]
-fn difference<const CHANNELS: usize>(
-    levels: &[&[u8]; CHANNELS],
-    centres: &[__m256i; CHANNELS],
-    start: usize,
-) -> __m256i {
-    let mut sum = _mm256_setzero_si256();
-    for (centre, levels) in centres.iter().zip(levels) {
-        let samples = load_at(levels, start);
-        // One of the two is 0.
-        let difference = _mm256_or_si256(
-            _mm256_subs_epu8(*centre, samples),
-            _mm256_subs_epu8(samples, *centre),
-        );
-        sum = _mm256_adds_epu8(sum, difference);
-    }
-    sum
 }
 
 /// How many cells of each pixel are within its threshold: of pixels with even places, and
@@ -132,12 +134,15 @@ fn in_signed_order(bytes: __m256i) -> __m256i {
     _mm256_xor_si256(bytes, _mm256_set1_epi8(i8::MIN))
 }
 
-/// The pixels from `start` on; beyond the levels, black.
+/// The pixels from `start` on.
+///
+/// # Safety
+/// There are [`MASK_LANES`] of them.
 #[target_feature(enable = "avx2")]
 #[inline]
-fn load_at(levels: &[u8], start: usize) -> __m256i {
-    let run = levels.get(start..).and_then(|levels| levels.first_chunk());
-    run.map_or(_mm256_setzero_si256(), |run| load(run))
+unsafe fn load_at(levels: &[u8], start: usize) -> __m256i {
+    // SAFETY: the load needs no alignment, and the caller promises its bytes.
+    unsafe { _mm256_loadu_si256(levels.as_ptr().add(start).cast()) }
 }
 
 #[target_feature(enable = "avx2")]
