@@ -137,7 +137,7 @@ const AGGREGATION: Aggregation = Aggregation {
     difference_weight_q4: 24,
     difference_truncation: 30,
     line_offset_max_q4: 16,
-    p1: 16,
+    p1: 20,
     p2: 85,
     p2_floor: 15,
     p2_adaptation_q4: 16,
@@ -151,16 +151,17 @@ const AGGREGATION: Aggregation = Aggregation {
 
 const LITE: Parameters = Parameters {
     synapses: 32,
-    sigmas_px: [2.5, 1.5],
+    sigmas_px: [2.5, 1.0],
     support: Support { x_px: 8, y_px: 6 },
     seed: DEFAULT_SEED,
     method: Method::Aggregation(Aggregation {
         colour: false,
         kept_cells_q8: 256,
-        hamming_truncation: 48,
-        p1: 18,
+        hamming_truncation: 36,
+        p1: 36,
         p2: 105,
         p2_floor: 20,
+        p2_adaptation_q4: 24,
         margin: 20,
         speckle: Some(SpeckleParameters {
             size_min: 8,
@@ -173,7 +174,7 @@ const LITE: Parameters = Parameters {
 
 const MICRO: Parameters = Parameters {
     synapses: 48,
-    sigmas_px: [3.0, 1.3],
+    sigmas_px: [3.0, 1.0],
     support: Support { x_px: 10, y_px: 3 },
     seed: DEFAULT_SEED,
     method: Method::Aggregation(Aggregation {
