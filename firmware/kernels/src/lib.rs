@@ -52,8 +52,13 @@ impl Kernels for Armv7em {
     }
 
     #[inline]
-    fn aggregate_row(&self, row: &mut AggregateRow<'_>) {
-        aggregate::aggregate_row(row);
+    fn aggregate_paths(&self, row: &mut AggregateRow<'_>) {
+        aggregate::aggregate_paths(row);
+    }
+
+    #[inline]
+    fn select_row(&self, row: &mut AggregateRow<'_>) {
+        aggregate::select_row(row);
     }
 
     #[inline]
