@@ -4,8 +4,8 @@ use vgstereo_core::matching::{self, MASK_LANES, MAX_CHANNELS, MaskBlock};
 use vgstereo_core::minchinton::CELLS_PER_BYTE;
 
 use crate::simd::{
-    add_saturating_u8x4, distance_u8x4, load, max_u8x4, min_u8x4, select_ge_u8x4, splat_u8, store,
-    sub_saturating_u8x4,
+    add_even_bytes, add_odd_bytes, add_saturating_u8x4, distance_u8x4, load, max_u8x4, min_u8x4,
+    select_ge_u8x4, select_ge_u16x2, splat_u8, splat_u16, store, sub_saturating_u8x4,
 };
 
 /// Pixels of a word.
@@ -24,11 +24,17 @@ type Group = [u32; GROUP];
 /// The cells of a byte of the mask.
 type Rows = [Row; CELLS_PER_BYTE];
 
+/// Bytes of the mask whose cells are counted in bytes.
+const COUNTED: usize = u8::MAX as usize / CELLS_PER_BYTE;
+
+/// Two words of halfwords: those of pixels 0 and 2, and of 1 and 3.
+type Halfwords = [u32; 2];
+
 /// The same as core's `mask_block`.
 #[inline(never)]
 pub fn mask_block(block: &mut MaskBlock<'_>) {
     let count = block.starts.len();
-    let is_counted = (usize::from(block.kept)..=usize::from(u8::MAX)).contains(&count);
+    let is_counted = (block.kept.into()..=usize::from(u16::MAX)).contains(&count);
     let fits = is_counted
         && count.is_multiple_of(CELLS_PER_BYTE)
         && block.cells.len() == count * MASK_LANES;
@@ -51,7 +57,8 @@ pub fn mask_block(block: &mut MaskBlock<'_>) {
     for (word, counts) in (0..WORDS).zip(block.counts.as_chunks_mut::<LANES>().0) {
         let kept_cells;
         (rungs, kept_cells) = ladder.search(cells, word, rungs);
-        *counts = kept_cells.to_le_bytes().map(u16::from);
+        let [even, odd] = kept_cells;
+        *counts = [even, odd, even >> 16, odd >> 16].map(|count| count as u16);
         write_masks(cells, word, ladder.thresholds(rungs), masks);
     }
 }
@@ -59,7 +66,7 @@ pub fn mask_block(block: &mut MaskBlock<'_>) {
 /// Thresholds, each a rung.
 struct Ladder {
     thresholds: [u8; RUNGS],
-    /// Cells to keep, four times.
+    /// Cells to keep, twice.
     kept: u32,
 }
 
@@ -73,8 +80,7 @@ impl Ladder {
         }
         Self {
             thresholds,
-            // At most the number of cells.
-            kept: splat_u8(block.kept as u8),
+            kept: splat_u16(block.kept),
         }
     }
 
@@ -88,15 +94,21 @@ impl Ladder {
     /// The lowest rungs that keep enough cells of four pixels, and how many those are; looked
     /// for from `probes` on, one by one.
     #[inline(never)]
-    fn search(&self, cells: &[Rows], word: usize, mut probes: u32) -> (u32, u32) {
+    fn search(&self, cells: &[Rows], word: usize, mut probes: u32) -> (u32, Halfwords) {
         // Everything is within the highest.
         let (mut low, mut high) = (0, splat_u8(RUNGS as u8 - 1));
-        let mut counts = splat_u8((cells.len() * CELLS_PER_BYTE) as u8);
+        // At most what 16 bits count.
+        let mut counts = [splat_u16((cells.len() * CELLS_PER_BYTE) as u16); 2];
         loop {
             let counted = count_within(cells, word, self.thresholds(probes));
-            let enough = |yes, no| select_ge_u8x4(counted, self.kept, yes, no);
+            let [even, odd] = counted;
+            let are_enough = select_ge_u16x2(even, self.kept, splat_u16(0xff), 0)
+                | select_ge_u16x2(odd, self.kept, splat_u16(0xff00), 0);
+            let enough = |yes, no| select_ge_u8x4(are_enough, splat_u8(u8::MAX), yes, no);
             high = enough(probes, high);
-            counts = enough(counted, counts);
+            for (count, counted) in counts.iter_mut().zip(counted) {
+                *count = select_ge_u16x2(counted, self.kept, counted, *count);
+            }
             let above = probes + splat_u8(1);
             low = enough(low, above);
             if low == high {
@@ -163,14 +175,19 @@ fn compare<const CHANNELS: usize>(block: &mut MaskBlock<'_>) {
 
 /// How many cells of each pixel are within its threshold.
 #[inline(always)]
-fn count_within(cells: &[Rows], word: usize, thresholds: u32) -> u32 {
+fn count_within(cells: &[Rows], word: usize, thresholds: u32) -> Halfwords {
     // Below `WORDS` for the compiler too.
     let word = word % WORDS;
-    let mut counts = 0;
-    for rows in cells {
-        for row in rows {
-            counts += select_ge_u8x4(thresholds, load(&row[word]), splat_u8(1), 0);
+    let mut counts = [0; 2];
+    for counted in cells.chunks(COUNTED) {
+        let mut four = 0;
+        for rows in counted {
+            for row in rows {
+                four += select_ge_u8x4(thresholds, load(&row[word]), splat_u8(1), 0);
+            }
         }
+        let [even, odd] = counts;
+        counts = [add_even_bytes(even, four), add_odd_bytes(odd, four)];
     }
     counts
 }
