@@ -109,7 +109,7 @@ fn aggregate_blocks<const N: usize>(row: &mut AggregateRow<'_>) {
         if index == 0 {
             begin_path(costs, current);
         } else {
-            step_path::<N>(previous, costs, p1, p2, current);
+            step_path::<N>(previous, costs, p1, p2, inside(current));
         }
         if let Some(path) = current.get(GUARD..GUARD + stride) {
             from_right.copy_from_slice(path);
@@ -130,15 +130,12 @@ fn aggregate_blocks<const N: usize>(row: &mut AggregateRow<'_>) {
             if let Some(path) = above.get_mut(GUARD..GUARD + stride) {
                 path.copy_from_slice(from_above);
             }
-            step_path::<N>(above, costs, p1, p2_down, current);
-            if let Some(path) = current.get(GUARD..GUARD + stride) {
-                from_above.copy_from_slice(path);
-            }
+            step_path::<N>(above, costs, p1, p2_down, from_above);
         }
         if x == 0 {
             begin_path(costs, current);
         } else {
-            step_path::<N>(previous, costs, p1, p2_along, current);
+            step_path::<N>(previous, costs, p1, p2_along, inside(current));
         }
         if let Some(path) = current.get(GUARD..GUARD + stride) {
             costs.copy_from_slice(path);
@@ -206,17 +203,20 @@ fn begin_path(costs: &[u8], path: &mut [u8]) {
     }
 }
 
-/// One pixel along a path; `previous` and `next` have guards around their costs.
+/// The costs between the guards.
+#[inline(always)]
+fn inside(path: &mut [u8]) -> &mut [u8] {
+    let end = path.len().saturating_sub(GUARD);
+    path.get_mut(GUARD..end).unwrap_or_default()
+}
+
+/// One pixel along a path; `previous` has guards around its costs.
 #[inline(always)]
 fn step_path<const N: usize>(previous: &[u8], costs: &[u8], p1: u8, p2: u8, next: &mut [u8]) {
     // The guards are never the least. Over a run whose length is not a constant, this
     // becomes one vector reduction.
     let least = previous.iter().fold(u8::MAX, |a, &b| a.min(b));
-    let next = next
-        .get_mut(GUARD..)
-        .unwrap_or_default()
-        .as_chunks_mut::<N>()
-        .0;
+    let next = next.as_chunks_mut::<N>().0;
     for ((next, costs), start) in next
         .iter_mut()
         .zip(costs.as_chunks::<N>().0)
