@@ -38,14 +38,14 @@ pub fn mask_block(block: &mut MaskBlock<'_>) {
     let fits = is_counted
         && count.is_multiple_of(CELLS_PER_BYTE)
         && block.cells.len() == count * MASK_LANES;
-    if block.lanes != MASK_LANES || !fits {
+    let compared = match block.channels {
+        _ if block.lanes != MASK_LANES || !fits => None,
+        1 => compare::<1>(block),
+        _ => compare::<MAX_CHANNELS>(block),
+    };
+    if compared.is_none() {
         matching::mask_block(block);
         return;
-    }
-    if block.channels == 1 {
-        compare::<1>(block);
-    } else {
-        compare::<MAX_CHANNELS>(block);
     }
     let ladder = Ladder::new(block);
     let rows = block.cells.as_chunks::<LANES>().0.as_chunks::<WORDS>().0;
@@ -120,9 +120,10 @@ impl Ladder {
     }
 }
 
-/// Writes the cells: the larger differences of two samples from their pixels.
+/// Writes the cells: the larger differences of two samples from their pixels; none where a
+/// sample is not there.
 #[inline(always)]
-fn compare<const CHANNELS: usize>(block: &mut MaskBlock<'_>) {
+fn compare<const CHANNELS: usize>(block: &mut MaskBlock<'_>) -> Option<()> {
     let mut levels = [&[][..]; CHANNELS];
     for (levels, channel) in levels.iter_mut().zip(block.levels) {
         *levels = channel;
@@ -131,44 +132,60 @@ fn compare<const CHANNELS: usize>(block: &mut MaskBlock<'_>) {
     let rows = rows.as_chunks_mut::<WORDS>().0;
     for group in 0..WORDS / GROUP {
         let shift = group * GROUP * LANES;
-        let run = |levels: &[u8], start: usize| -> Group {
-            let bytes = levels.get(start + shift..);
-            let words = bytes.and_then(|bytes| bytes.first_chunk::<{ GROUP * LANES }>());
-            let mut run = [0; GROUP];
-            if let Some(words) = words {
-                for (word, bytes) in run.iter_mut().zip(words.as_chunks().0) {
-                    *word = load(bytes);
-                }
-            }
-            run
-        };
-        let centres = levels.map(|levels| run(levels, block.centre));
-        let differences = |start: u32| {
-            let mut sums = [0; GROUP];
-            for (centre, levels) in centres.iter().zip(&levels) {
-                let samples = run(levels, start as usize + block.first);
-                for ((sum, &centre), sample) in sums.iter_mut().zip(centre).zip(samples) {
-                    let difference = distance_u8x4(centre, sample);
-                    *sum = if CHANNELS == 1 {
-                        difference
-                    } else {
-                        add_saturating_u8x4(*sum, difference)
-                    };
-                }
-            }
-            sums
-        };
-        // From the last to the first, whose partner comes after it.
-        let mut partner = block.starts.first().map_or([0; GROUP], |&s| differences(s));
-        for (row, &start) in rows.iter_mut().zip(block.starts).rev() {
-            let own = differences(start);
-            let words = row.as_chunks_mut::<GROUP>().0;
-            if let Some(words) = words.get_mut(group) {
-                for ((cells, &own), &partner) in words.iter_mut().zip(&own).zip(&partner) {
-                    store(max_u8x4(own, partner), cells);
-                }
-            }
-            partner = own;
+        let mut centres = [[0; GROUP]; CHANNELS];
+        for (centre, levels) in centres.iter_mut().zip(levels) {
+            *centre = run_at(levels, block.centre + shift)?.map(|four| load(&four));
+        }
+        let first = block.first + shift;
+        // From the last to the first, whose partner comes after it; two at a time, so that
+        // neither moves to another register.
+        let mut partner = differences(&levels, &centres, first, *block.starts.first()?)?;
+        let pairs = rows.as_chunks_mut::<2>().0.iter_mut();
+        for (rows, starts) in pairs.zip(block.starts.as_chunks::<2>().0).rev() {
+            let second = differences(&levels, &centres, first, starts[1])?;
+            write_larger(&mut rows[1], group, &second, &partner);
+            partner = differences(&levels, &centres, first, starts[0])?;
+            write_larger(&mut rows[0], group, &partner, &second);
+        }
+    }
+    Some(())
+}
+
+/// Differences of a synapse's samples from their pixels, summed over the channels.
+#[inline(always)]
+fn differences<const CHANNELS: usize>(
+    levels: &[&[u8]; CHANNELS],
+    centres: &[Group; CHANNELS],
+    first: usize,
+    start: u32,
+) -> Option<Group> {
+    let mut sums = [0; GROUP];
+    for (centre, levels) in centres.iter().zip(levels) {
+        let samples = run_at(levels, start as usize + first)?;
+        for ((sum, &centre), sample) in sums.iter_mut().zip(centre).zip(samples) {
+            let difference = distance_u8x4(centre, load(sample));
+            *sum = if CHANNELS == 1 {
+                difference
+            } else {
+                add_saturating_u8x4(*sum, difference)
+            };
+        }
+    }
+    Some(sums)
+}
+
+/// Levels of a group's pixels.
+#[inline(always)]
+fn run_at(levels: &[u8], start: usize) -> Option<&[[u8; LANES]; GROUP]> {
+    levels.get(start..)?.as_chunks().0.first_chunk()
+}
+
+/// Writes the larger of two groups.
+#[inline(always)]
+fn write_larger(row: &mut Row, group: usize, a: &Group, b: &Group) {
+    if let Some(words) = row.as_chunks_mut::<GROUP>().0.get_mut(group) {
+        for ((cells, &a), &b) in words.iter_mut().zip(a).zip(b) {
+            store(max_u8x4(a, b), cells);
         }
     }
 }
