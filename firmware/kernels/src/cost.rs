@@ -11,7 +11,6 @@ use vgstereo_core::minchinton::{CELLS_PER_BYTE, Planes};
 use crate::simd::{
     add_even_bytes, add_odd_bytes, afresh, even_bytes, halve_difference_u8x4, in_order, load,
     min_u8x4, odd_bytes, opaque, splat_u8, splat_u16, store, sub_saturating_u8x4,
-    sub_saturating_u16x2,
 };
 
 /// Most disparities, rounded up.
@@ -261,9 +260,6 @@ fn copy(row: &[u8], first: usize, count: usize, to: &mut [u8]) {
 /// What turns the terms of a cost into the cost, for all bytes of a register.
 struct Weighing {
     hamming_truncation: u32,
-    /// The same and almost a half, 1/256, twice: what is missing is rounded up when the cost is
-    /// rounded down.
-    hamming_truncation_q8: u32,
     difference_truncation: u32,
     /// Twice the cost of a difference of one level.
     weight: u32,
@@ -282,7 +278,6 @@ impl Weighing {
         let has_one_channel = run.channels == 1 || run.difference_weight_q4 == 0;
         (has_one_channel && is_halves).then(|| Self {
             hamming_truncation: splat_u8(run.hamming_truncation),
-            hamming_truncation_q8: splat_u16(u16::from(run.hamming_truncation) << 8 | 127),
             difference_truncation: splat_u8(run.difference_truncation),
             weight: weight.into(),
             largest: splat_u8(largest),
@@ -293,10 +288,10 @@ impl Weighing {
     /// truncation.
     #[inline(always)]
     fn missing(&self, counts: [u32; 2], cost_q8: u32) -> u32 {
-        // Each product is less than 2^16.
-        let [even, odd] =
-            counts.map(|counts| sub_saturating_u16x2(self.hamming_truncation_q8, counts * cost_q8));
-        odd_bytes(even) | odd & 0xff00_ff00
+        // With the rounding, each product is less than 2^16.
+        let [even, odd] = counts.map(|counts| counts * cost_q8 + splat_u16(128));
+        let cells = odd_bytes(even) | odd & 0xff00_ff00;
+        sub_saturating_u8x4(self.hamming_truncation, cells)
     }
 
     /// Costs of what those of the cells are below their truncation, and of a level that differs

@@ -88,8 +88,8 @@ impl Kernels for Armv7em {
 }
 
 /// Those of [`Armv7em`] that pay without byte SIMD too: counts of bits in four patterns at
-/// once more than make up for it. The others are the reference; path costs four at a time were
-/// tried and take more.
+/// once more than make up for it. The others are the reference:
+/// aggregation was tried and takes more, and so does selection where there is Zbb.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Rv32;
 
@@ -97,11 +97,6 @@ impl Kernels for Rv32 {
     #[inline]
     fn cost_run(&self, row: &CostRun<'_>, costs: &mut [u8]) {
         Armv7em.cost_run(row, costs);
-    }
-
-    #[inline]
-    fn select_row(&self, row: &mut AggregateRow<'_>) {
-        Armv7em.select_row(row);
     }
 
     #[inline]
