@@ -211,10 +211,11 @@ pub fn afresh<T>(value: &T) -> &T {
     #[cfg(dsp_extension)]
     {
         let mut value: *const T = value;
-        // SAFETY: there is no instruction, and the pointer is that of the reference.
+        // SAFETY: there is no instruction, and the pointer is that of the reference. What it
+        // points to must be in memory before.
         unsafe {
             core::arch::asm!("/* {} */", inout(reg) value,
-                options(nomem, nostack, preserves_flags));
+                options(readonly, nostack, preserves_flags));
             &*value
         }
     }
