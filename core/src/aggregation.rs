@@ -4,7 +4,8 @@
 //! of: the previous pixel's path cost at the same disparity, at a neighbouring one plus
 //! P1, at any plus P2; less the previous pixel's least (Hirschmueller 2008, equation 13).
 //! Three paths are summed: along the line in both directions, and down. The only state
-//! from line to line is one row of the path down.
+//! from line to line is one row of the path down. The disparity with the least sum is
+//! selected, the lowest of several.
 //!
 //! P1, P2 and the largest matching cost are bounded so that every path cost fits 8 bits:
 //! see [`Aggregation::fits`](crate::config::Aggregation::fits).
@@ -23,8 +24,9 @@ const NO_MATCH: u32 = u32::MAX;
 /// A row of costs and the state of its aggregation.
 #[derive(Debug)]
 pub struct AggregateRow<'a> {
-    /// Matching costs, `stride` bytes per pixel.
-    pub costs: &'a [u8],
+    /// Matching costs, `stride` bytes per pixel; scratch afterwards. Between
+    /// [`aggregate_paths`] and [`select_row`], path costs from the left.
+    pub costs: &'a mut [u8],
     /// Path costs from the right: scratch of the same size.
     pub from_right: &'a mut [u8],
     /// Path costs from above: those of the line above, then of this line.
@@ -67,6 +69,14 @@ pub const fn path_scratch_bytes(stride: usize) -> usize {
 /// caller may compile it for its own instruction set.
 #[inline(always)]
 pub fn aggregate_row(row: &mut AggregateRow<'_>) {
+    aggregate_paths(row);
+    select_row(row);
+}
+
+/// Aggregates a row along its paths, those from the left in place of the costs; the reference
+/// of [`Kernels::aggregate_paths`](crate::kernel::Kernels::aggregate_paths).
+#[inline(always)]
+pub fn aggregate_paths(row: &mut AggregateRow<'_>) {
     if row.stride.is_multiple_of(4 * LANES) {
         aggregate_blocks::<{ 4 * LANES }>(row);
     } else if row.stride.is_multiple_of(2 * LANES) {
@@ -82,14 +92,12 @@ fn aggregate_blocks<const N: usize>(row: &mut AggregateRow<'_>) {
     let stride = row.stride.max(1);
     let guarded = stride + 2 * GUARD;
     row.paths.fill(GUARD_COST);
-    row.other_best.fill(NO_MATCH);
     let (Some((mut previous, rest)), p1) = (row.paths.split_at_mut_checked(guarded), row.p1) else {
         return;
     };
     let Some((mut current, above)) = rest.split_at_mut_checked(guarded) else {
         return;
     };
-    let count = row.best.len();
 
     // From the right, over the penalties between a pixel and the one on its right.
     let pixels = row
@@ -101,7 +109,7 @@ fn aggregate_blocks<const N: usize>(row: &mut AggregateRow<'_>) {
         if index == 0 {
             begin_path(costs, current);
         } else {
-            step_path::<N>(previous, costs, p1, p2, current);
+            step_path::<N>(previous, costs, p1, p2, inside(current));
         }
         if let Some(path) = current.get(GUARD..GUARD + stride) {
             from_right.copy_from_slice(path);
@@ -109,43 +117,65 @@ fn aggregate_blocks<const N: usize>(row: &mut AggregateRow<'_>) {
         core::mem::swap(&mut previous, &mut current);
     }
 
-    // From the left and from above; all three are there, so each pixel is decided at once.
+    // From above, and from the left.
     let pixels = row
         .costs
-        .chunks_exact(stride)
-        .zip(row.from_right.chunks_exact(stride))
+        .chunks_exact_mut(stride)
         .zip(row.from_above.chunks_exact_mut(stride))
         .zip(row.p2_along.iter().zip(row.p2_down));
-    let outputs = row
-        .best
-        .iter_mut()
-        .zip(row.refined_q4.iter_mut())
-        .zip(row.margins.iter_mut());
-    for (
-        x,
-        ((((costs, from_right), from_above), (&p2_along, &p2_down)), ((best, refined_q4), margin)),
-    ) in pixels.zip(outputs).enumerate()
-    {
-        if x == 0 {
-            begin_path(costs, current);
-        } else {
-            step_path::<N>(previous, costs, p1, p2_along, current);
-        }
-        core::mem::swap(&mut previous, &mut current);
+    for (x, ((costs, from_above), (&p2_along, &p2_down))) in pixels.enumerate() {
         if row.is_first {
             from_above.copy_from_slice(costs);
         } else {
             if let Some(path) = above.get_mut(GUARD..GUARD + stride) {
                 path.copy_from_slice(from_above);
             }
-            step_path::<N>(above, costs, p1, p2_down, current);
-            if let Some(path) = current.get(GUARD..GUARD + stride) {
-                from_above.copy_from_slice(path);
-            }
+            step_path::<N>(above, costs, p1, p2_down, from_above);
         }
-        let Some(from_left) = previous.get(GUARD..GUARD + stride) else {
-            return;
-        };
+        if x == 0 {
+            begin_path(costs, current);
+        } else {
+            step_path::<N>(previous, costs, p1, p2_along, inside(current));
+        }
+        if let Some(path) = current.get(GUARD..GUARD + stride) {
+            costs.copy_from_slice(path);
+        }
+        core::mem::swap(&mut previous, &mut current);
+    }
+}
+
+/// Selects the best disparity of each pixel, and that of each pixel of the other view; the
+/// reference of [`Kernels::select_row`](crate::kernel::Kernels::select_row).
+#[inline(always)]
+pub fn select_row(row: &mut AggregateRow<'_>) {
+    if row.stride.is_multiple_of(4 * LANES) {
+        select_blocks::<{ 4 * LANES }>(row);
+    } else if row.stride.is_multiple_of(2 * LANES) {
+        select_blocks::<{ 2 * LANES }>(row);
+    } else {
+        select_blocks::<LANES>(row);
+    }
+}
+
+/// The same for strides that are a multiple of `N`.
+#[inline(always)]
+fn select_blocks<const N: usize>(row: &mut AggregateRow<'_>) {
+    let stride = row.stride.max(1);
+    let count = row.best.len();
+    row.other_best.fill(NO_MATCH);
+    let pixels = row
+        .costs
+        .chunks_exact(stride)
+        .zip(row.from_right.chunks_exact(stride))
+        .zip(row.from_above.chunks_exact(stride));
+    let outputs = row
+        .best
+        .iter_mut()
+        .zip(row.refined_q4.iter_mut())
+        .zip(row.margins.iter_mut());
+    for (x, (((from_left, from_right), from_above), ((best, refined_q4), margin))) in
+        pixels.zip(outputs).enumerate()
+    {
         sum_paths::<N>([from_left, from_right, from_above], row.sums);
         if let Some(beyond) = row.sums.get_mut(row.disparities..) {
             beyond.fill(NO_DISTANCE);
@@ -173,17 +203,20 @@ fn begin_path(costs: &[u8], path: &mut [u8]) {
     }
 }
 
-/// One pixel along a path; `previous` and `next` have guards around their costs.
+/// The costs between the guards.
+#[inline(always)]
+fn inside(path: &mut [u8]) -> &mut [u8] {
+    let end = path.len().saturating_sub(GUARD);
+    path.get_mut(GUARD..end).unwrap_or_default()
+}
+
+/// One pixel along a path; `previous` has guards around its costs.
 #[inline(always)]
 fn step_path<const N: usize>(previous: &[u8], costs: &[u8], p1: u8, p2: u8, next: &mut [u8]) {
     // The guards are never the least. Over a run whose length is not a constant, this
     // becomes one vector reduction.
     let least = previous.iter().fold(u8::MAX, |a, &b| a.min(b));
-    let next = next
-        .get_mut(GUARD..)
-        .unwrap_or_default()
-        .as_chunks_mut::<N>()
-        .0;
+    let next = next.as_chunks_mut::<N>().0;
     for ((next, costs), start) in next
         .iter_mut()
         .zip(costs.as_chunks::<N>().0)

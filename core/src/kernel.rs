@@ -5,7 +5,7 @@
 //! them. Other crates bring faster sets, for example the same bodies compiled for a
 //! wider instruction set that was found at run time, or a chip's own instructions.
 
-use crate::aggregation::{AggregateRow, aggregate_row};
+use crate::aggregation::{AggregateRow, aggregate_paths, select_row};
 use crate::camera::PixelFormat;
 use crate::matching::{
     CostRun, LevelConversion, MaskBlock, RowRecall, convert_row, cost_run, mask_block, recall_row,
@@ -91,10 +91,24 @@ pub trait Kernels: Copy {
         weighted_median_row(row, weights, output);
     }
 
-    /// Aggregates a row of costs and selects; see [`AggregateRow`].
+    /// Aggregates a row of costs and selects; see [`AggregateRow`]. A set that selects while
+    /// it aggregates overrides this, others the two halves.
     #[inline]
     fn aggregate_row(&self, row: &mut AggregateRow<'_>) {
-        aggregate_row(row);
+        self.aggregate_paths(row);
+        self.select_row(row);
+    }
+
+    /// The first half: path costs, those from the left in place of the costs.
+    #[inline]
+    fn aggregate_paths(&self, row: &mut AggregateRow<'_>) {
+        aggregate_paths(row);
+    }
+
+    /// The second half: the best disparities of both views.
+    #[inline]
+    fn select_row(&self, row: &mut AggregateRow<'_>) {
+        select_row(row);
     }
 }
 

@@ -217,7 +217,7 @@ fn aggregation(criterion: &mut Criterion) {
         // One element is one pixel at one disparity.
         group.throughput(Throughput::Elements((WIDTH * disparities) as u64));
         let stride = cost_stride(disparities);
-        let costs = noise(WIDTH * stride, 80, 5);
+        let mut costs = noise(WIDTH * stride, 80, 5);
         let p2: Vec<u8> = noise(WIDTH, 60, 6).iter().map(|p2| p2 + 40).collect();
         let mut from_right = vec![0; WIDTH * stride];
         let mut from_above = costs.clone();
@@ -227,7 +227,7 @@ fn aggregation(criterion: &mut Criterion) {
             (vec![0; WIDTH], vec![0; WIDTH], vec![0; WIDTH]);
         per_set(&mut group, disparities, |kernels| {
             kernels.aggregate_row(&mut AggregateRow {
-                costs: &costs,
+                costs: &mut costs,
                 from_right: &mut from_right,
                 from_above: &mut from_above,
                 stride,

@@ -29,8 +29,10 @@ pub enum Stage {
     Masks,
     /// Matching costs: Hamming distances and differences of levels.
     Hamming,
-    /// Paths, their sums, and the selection, which is done pixel by pixel with them.
-    AggregationAndSelection,
+    /// Path costs.
+    Aggregation,
+    /// Sums of paths; best disparities, sub-pixel steps and margins; the other view's best.
+    Selection,
     /// Reach of surfaces, and medians.
     SurfacesAndMedians,
     /// All else of the matcher and the session: strips, levels, left-right and ambiguity
@@ -42,11 +44,12 @@ pub enum Stage {
 
 impl Stage {
     /// All stages, in the order of their discriminants.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Sampling,
         Self::Masks,
         Self::Hamming,
-        Self::AggregationAndSelection,
+        Self::Aggregation,
+        Self::Selection,
         Self::SurfacesAndMedians,
         Self::ChecksAndRest,
         Self::Files,
@@ -59,7 +62,8 @@ impl Stage {
             Self::Sampling => "sampling",
             Self::Masks => "masks",
             Self::Hamming => "hamming",
-            Self::AggregationAndSelection => "aggregation_and_selection",
+            Self::Aggregation => "aggregation",
+            Self::Selection => "selection",
             Self::SurfacesAndMedians => "surfaces_and_medians",
             Self::ChecksAndRest => "checks_and_rest",
             Self::Files => "files",
@@ -235,11 +239,17 @@ impl<K: Kernels, C: Counter> Kernels for Metered<'_, K, C> {
             .measure_innermost(Stage::SurfacesAndMedians, body);
     }
 
+    // `aggregate_row` is these two, one after the other.
     #[inline]
-    fn aggregate_row(&self, row: &mut AggregateRow<'_>) {
-        let body = || self.inner.aggregate_row(row);
-        self.meter
-            .measure_innermost(Stage::AggregationAndSelection, body);
+    fn aggregate_paths(&self, row: &mut AggregateRow<'_>) {
+        let body = || self.inner.aggregate_paths(row);
+        self.meter.measure_innermost(Stage::Aggregation, body);
+    }
+
+    #[inline]
+    fn select_row(&self, row: &mut AggregateRow<'_>) {
+        let body = || self.inner.select_row(row);
+        self.meter.measure_innermost(Stage::Selection, body);
     }
 }
 

@@ -4,8 +4,8 @@ use vgstereo_core::matching::{self, MASK_LANES, MAX_CHANNELS, MaskBlock};
 use vgstereo_core::minchinton::CELLS_PER_BYTE;
 
 use crate::simd::{
-    add_saturating_u8x4, distance_u8x4, load, max_u8x4, min_u8x4, select_ge_u8x4, splat_u8, store,
-    sub_saturating_u8x4,
+    add_even_bytes, add_odd_bytes, add_saturating_u8x4, distance_u8x4, load, max_u8x4, min_u8x4,
+    select_ge_u8x4, select_ge_u16x2, splat_u8, splat_u16, store, sub_saturating_u8x4,
 };
 
 /// Pixels of a word.
@@ -24,22 +24,28 @@ type Group = [u32; GROUP];
 /// The cells of a byte of the mask.
 type Rows = [Row; CELLS_PER_BYTE];
 
+/// Bytes of the mask whose cells are counted in bytes.
+const COUNTED: usize = u8::MAX as usize / CELLS_PER_BYTE;
+
+/// Two words of halfwords: those of pixels 0 and 2, and of 1 and 3.
+type Halfwords = [u32; 2];
+
 /// The same as core's `mask_block`.
 #[inline(never)]
 pub fn mask_block(block: &mut MaskBlock<'_>) {
     let count = block.starts.len();
-    let is_counted = (usize::from(block.kept)..=usize::from(u8::MAX)).contains(&count);
+    let is_counted = (block.kept.into()..=usize::from(u16::MAX)).contains(&count);
     let fits = is_counted
         && count.is_multiple_of(CELLS_PER_BYTE)
         && block.cells.len() == count * MASK_LANES;
-    if block.lanes != MASK_LANES || !fits {
+    let compared = match block.channels {
+        _ if block.lanes != MASK_LANES || !fits => None,
+        1 => compare::<1>(block),
+        _ => compare::<MAX_CHANNELS>(block),
+    };
+    if compared.is_none() {
         matching::mask_block(block);
         return;
-    }
-    if block.channels == 1 {
-        compare::<1>(block);
-    } else {
-        compare::<MAX_CHANNELS>(block);
     }
     let ladder = Ladder::new(block);
     let rows = block.cells.as_chunks::<LANES>().0.as_chunks::<WORDS>().0;
@@ -51,7 +57,8 @@ pub fn mask_block(block: &mut MaskBlock<'_>) {
     for (word, counts) in (0..WORDS).zip(block.counts.as_chunks_mut::<LANES>().0) {
         let kept_cells;
         (rungs, kept_cells) = ladder.search(cells, word, rungs);
-        *counts = kept_cells.to_le_bytes().map(u16::from);
+        let [even, odd] = kept_cells;
+        *counts = [even, odd, even >> 16, odd >> 16].map(|count| count as u16);
         write_masks(cells, word, ladder.thresholds(rungs), masks);
     }
 }
@@ -59,7 +66,7 @@ pub fn mask_block(block: &mut MaskBlock<'_>) {
 /// Thresholds, each a rung.
 struct Ladder {
     thresholds: [u8; RUNGS],
-    /// Cells to keep, four times.
+    /// Cells to keep, twice.
     kept: u32,
 }
 
@@ -73,8 +80,7 @@ impl Ladder {
         }
         Self {
             thresholds,
-            // At most the number of cells.
-            kept: splat_u8(block.kept as u8),
+            kept: splat_u16(block.kept),
         }
     }
 
@@ -88,15 +94,21 @@ impl Ladder {
     /// The lowest rungs that keep enough cells of four pixels, and how many those are; looked
     /// for from `probes` on, one by one.
     #[inline(never)]
-    fn search(&self, cells: &[Rows], word: usize, mut probes: u32) -> (u32, u32) {
+    fn search(&self, cells: &[Rows], word: usize, mut probes: u32) -> (u32, Halfwords) {
         // Everything is within the highest.
         let (mut low, mut high) = (0, splat_u8(RUNGS as u8 - 1));
-        let mut counts = splat_u8((cells.len() * CELLS_PER_BYTE) as u8);
+        // At most what 16 bits count.
+        let mut counts = [splat_u16((cells.len() * CELLS_PER_BYTE) as u16); 2];
         loop {
             let counted = count_within(cells, word, self.thresholds(probes));
-            let enough = |yes, no| select_ge_u8x4(counted, self.kept, yes, no);
+            let [even, odd] = counted;
+            let are_enough = select_ge_u16x2(even, self.kept, splat_u16(0xff), 0)
+                | select_ge_u16x2(odd, self.kept, splat_u16(0xff00), 0);
+            let enough = |yes, no| select_ge_u8x4(are_enough, splat_u8(u8::MAX), yes, no);
             high = enough(probes, high);
-            counts = enough(counted, counts);
+            for (count, counted) in counts.iter_mut().zip(counted) {
+                *count = select_ge_u16x2(counted, self.kept, counted, *count);
+            }
             let above = probes + splat_u8(1);
             low = enough(low, above);
             if low == high {
@@ -108,9 +120,10 @@ impl Ladder {
     }
 }
 
-/// Writes the cells: the larger differences of two samples from their pixels.
+/// Writes the cells: the larger differences of two samples from their pixels; none where a
+/// sample is not there.
 #[inline(always)]
-fn compare<const CHANNELS: usize>(block: &mut MaskBlock<'_>) {
+fn compare<const CHANNELS: usize>(block: &mut MaskBlock<'_>) -> Option<()> {
     let mut levels = [&[][..]; CHANNELS];
     for (levels, channel) in levels.iter_mut().zip(block.levels) {
         *levels = channel;
@@ -119,58 +132,79 @@ fn compare<const CHANNELS: usize>(block: &mut MaskBlock<'_>) {
     let rows = rows.as_chunks_mut::<WORDS>().0;
     for group in 0..WORDS / GROUP {
         let shift = group * GROUP * LANES;
-        let run = |levels: &[u8], start: usize| -> Group {
-            let bytes = levels.get(start + shift..);
-            let words = bytes.and_then(|bytes| bytes.first_chunk::<{ GROUP * LANES }>());
-            let mut run = [0; GROUP];
-            if let Some(words) = words {
-                for (word, bytes) in run.iter_mut().zip(words.as_chunks().0) {
-                    *word = load(bytes);
-                }
-            }
-            run
-        };
-        let centres = levels.map(|levels| run(levels, block.centre));
-        let differences = |start: u32| {
-            let mut sums = [0; GROUP];
-            for (centre, levels) in centres.iter().zip(&levels) {
-                let samples = run(levels, start as usize + block.first);
-                for ((sum, &centre), sample) in sums.iter_mut().zip(centre).zip(samples) {
-                    let difference = distance_u8x4(centre, sample);
-                    *sum = if CHANNELS == 1 {
-                        difference
-                    } else {
-                        add_saturating_u8x4(*sum, difference)
-                    };
-                }
-            }
-            sums
-        };
-        // From the last to the first, whose partner comes after it.
-        let mut partner = block.starts.first().map_or([0; GROUP], |&s| differences(s));
-        for (row, &start) in rows.iter_mut().zip(block.starts).rev() {
-            let own = differences(start);
-            let words = row.as_chunks_mut::<GROUP>().0;
-            if let Some(words) = words.get_mut(group) {
-                for ((cells, &own), &partner) in words.iter_mut().zip(&own).zip(&partner) {
-                    store(max_u8x4(own, partner), cells);
-                }
-            }
-            partner = own;
+        let mut centres = [[0; GROUP]; CHANNELS];
+        for (centre, levels) in centres.iter_mut().zip(levels) {
+            *centre = run_at(levels, block.centre + shift)?.map(|four| load(&four));
+        }
+        let first = block.first + shift;
+        // From the last to the first, whose partner comes after it; two at a time, so that
+        // neither moves to another register.
+        let mut partner = differences(&levels, &centres, first, *block.starts.first()?)?;
+        let pairs = rows.as_chunks_mut::<2>().0.iter_mut();
+        for (rows, starts) in pairs.zip(block.starts.as_chunks::<2>().0).rev() {
+            let second = differences(&levels, &centres, first, starts[1])?;
+            write_larger(&mut rows[1], group, &second, &partner);
+            partner = differences(&levels, &centres, first, starts[0])?;
+            write_larger(&mut rows[0], group, &partner, &second);
+        }
+    }
+    Some(())
+}
+
+/// Differences of a synapse's samples from their pixels, summed over the channels.
+#[inline(always)]
+fn differences<const CHANNELS: usize>(
+    levels: &[&[u8]; CHANNELS],
+    centres: &[Group; CHANNELS],
+    first: usize,
+    start: u32,
+) -> Option<Group> {
+    let mut sums = [0; GROUP];
+    for (centre, levels) in centres.iter().zip(levels) {
+        let samples = run_at(levels, start as usize + first)?;
+        for ((sum, &centre), sample) in sums.iter_mut().zip(centre).zip(samples) {
+            let difference = distance_u8x4(centre, load(sample));
+            *sum = if CHANNELS == 1 {
+                difference
+            } else {
+                add_saturating_u8x4(*sum, difference)
+            };
+        }
+    }
+    Some(sums)
+}
+
+/// Levels of a group's pixels.
+#[inline(always)]
+fn run_at(levels: &[u8], start: usize) -> Option<&[[u8; LANES]; GROUP]> {
+    levels.get(start..)?.as_chunks().0.first_chunk()
+}
+
+/// Writes the larger of two groups.
+#[inline(always)]
+fn write_larger(row: &mut Row, group: usize, a: &Group, b: &Group) {
+    if let Some(words) = row.as_chunks_mut::<GROUP>().0.get_mut(group) {
+        for ((cells, &a), &b) in words.iter_mut().zip(a).zip(b) {
+            store(max_u8x4(a, b), cells);
         }
     }
 }
 
 /// How many cells of each pixel are within its threshold.
 #[inline(always)]
-fn count_within(cells: &[Rows], word: usize, thresholds: u32) -> u32 {
+fn count_within(cells: &[Rows], word: usize, thresholds: u32) -> Halfwords {
     // Below `WORDS` for the compiler too.
     let word = word % WORDS;
-    let mut counts = 0;
-    for rows in cells {
-        for row in rows {
-            counts += select_ge_u8x4(thresholds, load(&row[word]), splat_u8(1), 0);
+    let mut counts = [0; 2];
+    for counted in cells.chunks(COUNTED) {
+        let mut four = 0;
+        for rows in counted {
+            for row in rows {
+                four += select_ge_u8x4(thresholds, load(&row[word]), splat_u8(1), 0);
+            }
         }
+        let [even, odd] = counts;
+        counts = [add_even_bytes(even, four), add_odd_bytes(odd, four)];
     }
     counts
 }

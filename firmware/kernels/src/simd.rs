@@ -203,6 +203,28 @@ pub fn in_order(word: u32) -> u32 {
     }
 }
 
+/// The same value, of which the compiler does not know what it has loaded already: no
+/// instruction. Else it keeps that, and spills registers for it.
+#[inline(always)]
+#[must_use]
+pub fn afresh<T>(value: &T) -> &T {
+    #[cfg(dsp_extension)]
+    {
+        let mut value: *const T = value;
+        // SAFETY: there is no instruction, and the pointer is that of the reference. What it
+        // points to must be in memory before.
+        unsafe {
+            core::arch::asm!("/* {} */", inout(reg) value,
+                options(readonly, nostack, preserves_flags));
+            &*value
+        }
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        value
+    }
+}
+
 /// The smaller bytes.
 #[inline(always)]
 #[must_use]

@@ -41,7 +41,8 @@ const _: () = assert!(HAMMING_CELLS == 64);
 #[derive(Debug, Args)]
 #[command(
     after_help = "On the built-in scene in grey, one frame. The emulator counts instructions, not \
-    cycles; every run gives the same numbers. The rows hamming-64 are of that stage alone: distances \
+    cycles; every run gives the same numbers. The counter is read before and after each call of a \
+    kernel: the stages sum to the total. The rows hamming-64 are of that stage alone: distances \
     of 64-bit patterns, without masks and levels, within the pipeline of lite. Frames per second = clock in Hz x instructions per \
     cycle / (instructions per pixel and disparity x width x height x disparities)."
 )]
@@ -173,7 +174,8 @@ fn as_text(rows: &[Row]) -> String {
         "sampling",
         "masks",
         "Hamming",
-        "aggregation,\nselection",
+        "aggre-\ngation",
+        "selec-\ntion",
         "surfaces,\nmedians",
         "checks,\nrest",
         "per line",
