@@ -210,12 +210,13 @@ const BALANCED: Parameters = Parameters {
 
 const QUALITY: Parameters = Parameters {
     synapses: 512,
-    sigmas_px: [5.0, 1.2],
+    sigmas_px: [3.5, 1.2],
     support: Support { x_px: 10, y_px: 8 },
     seed: DEFAULT_SEED,
     method: Method::Aggregation(Aggregation {
         kept_cells_q8: 64,
         hamming_truncation: 40,
+        p1: 16,
         p2: 105,
         margin: 30,
         speckle: Some(SPECKLE),

@@ -44,7 +44,7 @@ fn what_neither_clips_nor_drowns_in_noise_costs_little() {
         ("falling gain", 1.1, -1.0, 0.0, 0.0),
     ];
     // How far a blank wall is filled from either side hangs on the synapses drawn.
-    let seeds = [1, 2, 3];
+    let seeds = [1, 2, 3, 4, 5, 6];
     for preset in [Preset::Lite, Preset::Micro] {
         let equal = seeds.map(|seed| bad(preset, seed, Exposure::EQUAL));
         for (name, gain, gain_gradient, offset, offset_gradient) in exposures {
@@ -57,7 +57,7 @@ fn what_neither_clips_nor_drowns_in_noise_costs_little() {
             let costs = seeds.iter().zip(equal);
             let costs = costs.map(|(&seed, equal)| bad(preset, seed, exposure) - equal);
             let mean = costs.sum::<f64>() / seeds.len() as f64;
-            assert!(mean <= 0.75, "{preset}, {name}: {mean:+.2}");
+            assert!(mean <= 0.8, "{preset}, {name}: {mean:+.2}");
         }
     }
 }
