@@ -155,8 +155,9 @@ impl<'m> Strip<'m> {
             mix_row(newest, line, 16 - share_q4);
             self.push(newest);
         }
-        for (newest, &level) in newest.iter_mut().zip(line) {
-            *newest = level;
+        let kept = newest.len().min(line.len());
+        if let (Some(newest), Some(line)) = (newest.get_mut(..kept), line.get(..kept)) {
+            newest.copy_from_slice(line);
         }
         self.newest = newest;
     }

@@ -13,14 +13,14 @@ use super::exposure::LevelConversion;
 use crate::synapse::Support;
 
 /// Larger differences of levels are hardly the offset's: the match is wrong, or occluded.
-const DIFFERENCE_MAX: i32 = 24;
+const DIFFERENCE_MAX: u32 = 24;
 /// Larger differences of the lines above and below are edges, where levels do not follow the
 /// gradient.
-const GRADIENT_MAX: i32 = 64;
-/// Sum of the squares of the gradients, each of two lines, from which on an offset is told: the noise
-/// of a camera then makes it uncertain by about 1/20 line.
-const EVIDENCE_MIN: i64 = 50_000;
-/// Smallest change of the offset, 1/256 line: about twice that uncertainty.
+const GRADIENT_MAX: u32 = 64;
+/// Sum of the squares of the gradients, each of two lines, from which on an offset is told:
+/// the noise of a camera then makes it uncertain by about 1/16 line.
+const EVIDENCE_MIN: i64 = 30_000;
+/// Smallest change of the offset, 1/256 line: more than that uncertainty.
 const CHANGE_MIN_Q8: i64 = 24;
 /// With every line 1/16 of the sums fades.
 const FADING_SHIFT: u32 = 4;
@@ -104,7 +104,8 @@ impl Alignment {
             let Some((difference, gradient)) = compare(found, rows, conversion) else {
                 continue;
             };
-            if difference.abs() > DIFFERENCE_MAX || gradient.abs() > GRADIENT_MAX {
+            if difference.unsigned_abs() > DIFFERENCE_MAX || gradient.unsigned_abs() > GRADIENT_MAX
+            {
                 continue;
             }
             mean_difference_q3 += difference - (mean_difference_q3 >> MEAN_SHIFT);
@@ -149,13 +150,17 @@ impl Alignment {
 fn compare(found: Match, rows: GreyRows<'_>, conversion: &LevelConversion) -> Option<(i32, i32)> {
     let at = found.other_position;
     let [above, middle, below] = rows.others;
-    let level = |row: &[u8], at: usize| row.get(at).map(|&level| i32::from(level));
-    let before = level(middle, at.checked_sub(1)?)?;
-    let after = level(middle, at + 1)?;
+    let around = middle.get(at.checked_sub(1)?..)?.first_chunk()?;
+    let [before, level, after] = around.map(i32::from);
+    let [own, above, below] = [
+        *rows.own.get(found.position)?,
+        *above.get(at)?,
+        *below.get(at)?,
+    ]
+    .map(i32::from);
     let between = ((after - before) * i32::from(found.beyond_q4)) >> 5;
-    let matched = (level(middle, at)? + between).clamp(0, 255) as u8;
-    let difference = level(rows.own, found.position)? - i32::from(conversion.apply(matched));
-    Some((difference, level(below, at)? - level(above, at)?))
+    let matched = (level + between).clamp(0, 255) as u8;
+    Some((own - i32::from(conversion.apply(matched)), below - above))
 }
 
 #[cfg(test)]

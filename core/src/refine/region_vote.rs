@@ -180,17 +180,14 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
     fn elect(&self, total: usize) -> Option<i16> {
         let (&none, votes) = self.votes.split_last()?;
         let total = total - usize::from(none.cast_unsigned());
-        // Reductions, which become vector code.
+        // A reduction, which becomes vector code where there is any.
         let most = votes.iter().fold(0, |a, &b| a.max(b));
-        let mut first = i16::MAX;
-        for (&votes, index) in votes.iter().zip(0_i16..) {
-            first = first.min(if votes == most { index } else { i16::MAX });
-        }
+        let first = votes.iter().position(|&votes| votes == most)?;
         let share_min = usize::from(self.parameters.share_min_percent);
         let wins = total > usize::from(self.parameters.support_min)
             && usize::from(most.cast_unsigned()) * 100 > total * share_min;
         // Within the range, and so within 1/16 px.
-        wins.then_some(first * STEPS_PER_PX)
+        wins.then_some(first as i16 * STEPS_PER_PX)
     }
 }
 
@@ -234,15 +231,15 @@ impl Window<'_> {
     fn reach(&self, index: usize, x: usize, path: impl Iterator<Item = usize>) -> usize {
         let reach = self.parameters.reach_y_px;
         let near = usize::from(reach / 2);
-        let levels = |index: usize| -> [u8; MAX_CHANNELS] {
-            let mut levels = [0; MAX_CHANNELS];
+        let rows = |index: usize| {
             let rows = self.lines.get(index).into_iter().flatten();
-            for (level, row) in levels.iter_mut().zip(rows).take(self.channels) {
-                *level = row.get(x).copied().unwrap_or(0);
-            }
-            levels
+            rows.take(self.channels)
         };
-        let own = levels(index);
+        let level = |row: &[u8]| row.get(x).copied().unwrap_or(0);
+        let mut own = [0; MAX_CHANNELS];
+        for (own, row) in own.iter_mut().zip(rows(index)) {
+            *own = level(row);
+        }
         let mut count = 0;
         for other in path.take(reach.into()) {
             let step = if count < near {
@@ -250,9 +247,10 @@ impl Window<'_> {
             } else {
                 self.parameters.far_step
             };
-            // Levels of channels that are not there are the same.
-            let other = levels(other);
-            if own.iter().zip(&other).any(|(a, b)| a.abs_diff(*b) > step) {
+            let differences = own.iter().zip(rows(other));
+            let largest =
+                differences.fold(0, |most, (own, row)| own.abs_diff(level(row)).max(most));
+            if largest > step {
                 break;
             }
             count += 1;
