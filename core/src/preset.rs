@@ -218,10 +218,11 @@ const QUALITY: Parameters = Parameters {
         hamming_truncation: 40,
         p1: 16,
         p2: 105,
-        margin: 30,
+        p2_adaptation_q4: 20,
+        margin: 36,
         speckle: Some(SPECKLE),
         vote: Some(region_vote(10)),
-        weighted_median: Some(weighted_median(22, 2)),
+        weighted_median: Some(weighted_median(28, 2)),
         ..AGGREGATION
     }),
 };
