@@ -1,9 +1,38 @@
 //! A right camera whose lines lie too low or too high.
 
+use clap::Args;
 use image::RgbImage;
 
 /// Largest offset either way, px.
 pub const LINE_OFFSET_MAX_PX: f32 = 8.0;
+
+/// The option `--line-offset`.
+#[derive(Debug, Clone, Copy, PartialEq, Args)]
+pub struct LineOffset {
+    /// By how much the right camera's lines lie too low, px. The aggregating presets make up for
+    /// as much as `method.line_offset_max_q4` says.
+    #[arg(
+        id = "line_offset",
+        long = "line-offset",
+        value_name = "PX",
+        default_value_t = 0.0,
+        allow_negative_numbers = true,
+        value_parser = parse_line_offset
+    )]
+    pub px: f32,
+}
+
+/// Reads an offset of lines, px.
+///
+/// # Errors
+/// One line with the range.
+fn parse_line_offset(text: &str) -> Result<f32, String> {
+    let offset_px = text.parse().ok();
+    let is_small = |px: &f32| px.abs() <= LINE_OFFSET_MAX_PX;
+    offset_px
+        .filter(is_small)
+        .ok_or_else(|| format!("it must be from -{LINE_OFFSET_MAX_PX} to {LINE_OFFSET_MAX_PX} px"))
+}
 
 /// Moves a view down by so many lines, up where they are negative: what was at line `y` is at
 /// `y + offset_px`. Between lines, levels follow a cubic through four of them (Catmull and Rom

@@ -13,11 +13,12 @@ use vgstereo_core::matcher::Matcher;
 use vgstereo_core::preset::Preset;
 use vgstereo_firmware::{Session, session};
 
-use super::{kib, milliseconds, parse_line_offset, percent, table};
+use super::{kib, milliseconds, percent, table};
 use crate::camera::SimulatedCamera;
 use crate::exposure::Exposure;
 use crate::files::{make_folder, write_png};
 use crate::kernels::HostKernels;
+use crate::line_offset::LineOffset;
 use crate::metrics::BadPixels;
 use crate::pictures::{colour_disparities, error_map};
 use crate::render::{RenderOptions, SIDE_MAX_PX, SIDE_MIN_PX, render};
@@ -48,15 +49,8 @@ pub struct Demo {
     noise: f32,
     #[command(flatten)]
     exposure: Exposure,
-    /// By how much the right camera's lines lie too low, px.
-    #[arg(
-        long,
-        value_name = "PX",
-        default_value_t = 0.0,
-        allow_negative_numbers = true,
-        value_parser = parse_line_offset
-    )]
-    line_offset: f32,
+    #[command(flatten)]
+    line_offset: LineOffset,
     /// How the two sensors share the wire.
     #[arg(long, value_enum, default_value_t = Wire::Separate)]
     layout: Wire,
@@ -146,7 +140,7 @@ impl Demo {
             d_max: self.d_max,
             noise: self.noise,
             exposure: self.exposure,
-            line_offset_px: self.line_offset,
+            line_offset_px: self.line_offset.px,
             ..RenderOptions::default()
         });
         let truth = scene.truth.as_ref().context("the scene has its truth")?;

@@ -9,15 +9,12 @@ use vgstereo_core::config::{Config, Output, Parameters};
 use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::preset::Preset;
 
-use super::{
-    Overrides, kib, output_of, parse_line_offset, parse_preset, percent, progress_bar, table,
-    views_of,
-};
+use super::{Overrides, kib, output_of, parse_preset, percent, progress_bar, table, views_of};
 use crate::dataset::{ensure_distinct, find_scenes, load_scene};
 use crate::files::{make_folder, write_png};
 use crate::frame::{Matched, match_frame};
 use crate::kernels::HostKernels;
-use crate::line_offset::lowered;
+use crate::line_offset::{LineOffset, lowered};
 use crate::metrics::{BadPixels, mean};
 use crate::pictures::{colour_disparities, error_map};
 use crate::published::{self, METHODS, PAPER, SCENES};
@@ -62,16 +59,8 @@ pub struct Eval {
     /// Write coloured disparities and error maps into this folder.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Lower the right view by so many px first: what cameras cost that do not look along the
-    /// same lines. See `method.line_offset_max_q4`.
-    #[arg(
-        long,
-        value_name = "PX",
-        default_value_t = 0.0,
-        allow_negative_numbers = true,
-        value_parser = parse_line_offset
-    )]
-    line_offset: f32,
+    #[command(flatten)]
+    line_offset: LineOffset,
     /// Threads per frame; the figures but the time do not depend on their number. The
     /// aggregating presets take at most 2.
     #[arg(long, value_name = "N", default_value_t = 1)]
@@ -238,8 +227,8 @@ impl Eval {
         let mut reports: Vec<Vec<SceneReport>> = (0..runs).map(|_| Vec::new()).collect();
         for folder in &folders {
             let mut scene = load_scene(folder)?;
-            if self.line_offset != 0.0 {
-                scene.right = lowered(&scene.right, self.line_offset);
+            if self.line_offset.px != 0.0 {
+                scene.right = lowered(&scene.right, self.line_offset.px);
             }
             let prepared =
                 Prepared::new(scene, self.grey).with_context(|| folder.display().to_string())?;

@@ -11,7 +11,6 @@ use indicatif::{ProgressBar, ProgressStyle};
 use vgstereo_core::config::{Output, Parameters};
 use vgstereo_core::preset::Preset;
 
-use crate::line_offset::LINE_OFFSET_MAX_PX;
 use crate::parameters::{with_file, with_setting};
 use crate::views::Views;
 
@@ -129,18 +128,6 @@ impl Overrides {
 pub fn parse_preset(name: &str) -> Result<Preset, String> {
     name.parse()
         .map_err(|error: vgstereo_core::preset::UnknownPreset| error.to_string())
-}
-
-/// Reads an offset of lines, px.
-///
-/// # Errors
-/// One line with the range.
-fn parse_line_offset(text: &str) -> Result<f32, String> {
-    let offset_px = text.parse().ok();
-    let is_small = |px: &f32| px.abs() <= LINE_OFFSET_MAX_PX;
-    offset_px
-        .filter(is_small)
-        .ok_or_else(|| format!("it must be from -{LINE_OFFSET_MAX_PX} to {LINE_OFFSET_MAX_PX} px"))
 }
 
 /// The lines of a pair of images, in grey when asked for.
