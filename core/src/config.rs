@@ -76,6 +76,10 @@ pub struct Aggregation {
     /// Whether colour is used where lines have it: for masks, differences of levels, vote
     /// and weighted median. Patterns are of grey in any case.
     pub colour: bool,
+    /// Largest step of grey between neighbours that is smoothed, levels, for the first half
+    /// of the synapses; the others see lines as they came. Nothing is smoothed where this is 0,
+    /// or the support a single column or line.
+    pub smoothing_step: u8,
     /// Share of a pixel's cells that count at least, 1/256: those whose samples are most
     /// like the pixel itself. 256 counts all.
     pub kept_cells_q8: u16,
@@ -468,12 +472,13 @@ impl Config {
     ///
     /// | part of [`Aggregation`], `D` rounded up to 16, `c` channels | bytes |
     /// |---|---|
-    /// | costs and paths | `3 W D`, and `5 D` of scratch |
+    /// | costs and paths | `2 W D + 5 D` |
+    /// | paths from the right, and before them patterns, levels of the other view and cells of the masks | the larger of `W D` and `(2 W + D + 32) n / 8 + 2 c (W + D) + 32 n`, without `32 n` where every cell counts |
     /// | best matches and checks | `17 W + 4 D` |
-    /// | offsets, costs of a cell, patterns | `4 n + (2 W + D + 32) n / 8` |
-    /// | levels of the other view | `2 c (W + D)` |
-    /// | masks, unless every cell counts | `40 n` |
+    /// | offsets, costs of a cell | `4 n` |
+    /// | masks, unless every cell counts | `8 n` |
     /// | lines before they are moved, if they are | `W`, with colour `4 W` |
+    /// | smoothed strips, if there are | `2 (2 Y + 1) (W + 2 X)` |
     /// | strips | those of the patterns; with colour, three of the reference view as deep as the last stage looks back and three of `Y + 1` lines of the other |
     /// | speckle removal, below `k` pixels, reach `y` | `2 W (2 y + 1) + 6 k` |
     /// | region vote, reach `(x, y)` | `4 W (2 y + 1) + 6 W + 2 D` |

@@ -9,6 +9,7 @@ use crate::aggregation::{AggregateRow, aggregate_paths, select_row};
 use crate::camera::PixelFormat;
 use crate::matching::{
     CostRun, LevelConversion, MaskBlock, RowRecall, convert_row, cost_run, mask_block, recall_row,
+    smooth_row,
 };
 use crate::minchinton::CELLS_PER_BYTE;
 use crate::refine::{ArmsRow, WeightedMedianRow, arms_row, median9_row, weighted_median_row};
@@ -38,6 +39,12 @@ pub trait Kernels: Copy {
         high: &mut [u8],
     ) {
         convert_row(conversion, levels, low, high);
+    }
+
+    /// Smooths a line of grey; see [`smooth_row`].
+    #[inline]
+    fn smooth_row(&self, rows: [&[u8]; 3], step_max: u8, smoothed: &mut [u8]) {
+        smooth_row(rows, step_max, smoothed);
     }
 
     /// Forms eight Minchinton cells for each of a run of neurons: bit `k` of

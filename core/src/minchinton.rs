@@ -188,20 +188,28 @@ impl<'m> PatternRow<'m> {
     /// # Errors
     /// [`OutOfMemory`] when the arena has less than [`PatternRow::bytes`] left.
     pub fn new(width: usize, synapses: usize, arena: &mut Arena<'m>) -> Result<Self, OutOfMemory> {
-        Ok(Self {
-            planes: arena.take(Self::bytes(width, synapses))?,
-            stride: width + Self::SLACK,
-            count: synapses / CELLS_PER_BYTE,
-        })
+        let bytes = arena.take(Self::bytes(width, synapses))?;
+        Ok(Self::over(bytes, width, synapses))
     }
 
-    /// Observes `count` neurons of the strip's line `line`, from stored position
-    /// `first` of the strip on, and packs their patterns at positions 0 to `count - 1`.
+    /// The same in `bytes`, at least [`PatternRow::bytes`], whatever they hold.
+    #[must_use]
+    pub fn over(bytes: &'m mut [u8], width: usize, synapses: usize) -> Self {
+        Self {
+            planes: bytes,
+            stride: width + Self::SLACK,
+            count: synapses / CELLS_PER_BYTE,
+        }
+    }
+
+    /// Observes `count` neurons of the strips' line `line`, from stored position
+    /// `first` of the strips on, and packs their patterns at positions 0 to `count - 1`.
+    /// The first half of the synapses looks at the first strip, the others at the second.
     ///
-    /// Positions count in the order in which the strip stores its pixels.
+    /// Positions count in the order in which the strips store their pixels.
     pub fn observe(
         &mut self,
-        strip: &Strip<'_>,
+        strips: [&Strip<'_>; 2],
         synapses: &Synapses<'_>,
         line: u32,
         first: usize,
@@ -209,9 +217,11 @@ impl<'m> PatternRow<'m> {
         kernels: &impl Kernels,
     ) {
         // Nine samples make eight cells; the ninth is the first of the next byte.
-        let window = strip.window(line);
-        let offsets = synapses.iter().cycle();
-        let mut samples = offsets.map(|offset| window.samples(offset, first, count));
+        let [near, far] = strips.map(|strip| strip.window(line));
+        let half = synapses.len() / 2;
+        let windows = (0..synapses.len()).map(|index| if index < half { near } else { far });
+        let offsets = synapses.iter().zip(windows).cycle();
+        let mut samples = offsets.map(|(offset, window)| window.samples(offset, first, count));
         let mut next = samples.next().unwrap_or_default();
         for plane in self.planes.chunks_exact_mut(self.stride.max(1)) {
             let mut group: [&[u8]; CELLS_PER_BYTE + 1] = [next; CELLS_PER_BYTE + 1];

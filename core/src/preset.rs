@@ -129,6 +129,7 @@ const fn paper(recall: Recall) -> Parameters {
 /// What the aggregating presets share.
 const AGGREGATION: Aggregation = Aggregation {
     colour: true,
+    smoothing_step: 5,
     kept_cells_q8: 103,
     mask_floor: 20,
     mask_step: NonZeroU8::new(24).unwrap(),
@@ -152,14 +153,13 @@ const AGGREGATION: Aggregation = Aggregation {
 const LITE: Parameters = Parameters {
     synapses: 32,
     sigmas_px: [2.5, 1.0],
-    support: Support { x_px: 8, y_px: 6 },
+    support: Support { x_px: 8, y_px: 5 },
     seed: DEFAULT_SEED,
     method: Method::Aggregation(Aggregation {
         colour: false,
         kept_cells_q8: 256,
-        hamming_truncation: 36,
-        p1: 36,
-        p2: 105,
+        p1: 38,
+        p2: 110,
         p2_floor: 20,
         p2_adaptation_q4: 24,
         margin: 20,
@@ -174,11 +174,12 @@ const LITE: Parameters = Parameters {
 
 const MICRO: Parameters = Parameters {
     synapses: 48,
-    sigmas_px: [3.0, 1.0],
+    sigmas_px: [3.0, 0.9],
     support: Support { x_px: 10, y_px: 3 },
     seed: DEFAULT_SEED,
     method: Method::Aggregation(Aggregation {
         mask_step: NonZeroU8::new(48).unwrap(),
+        p1: 22,
         // Runs of the line alone: no more line, and hardly any memory.
         speckle: Some(SpeckleParameters {
             size_min: 3,
@@ -186,7 +187,7 @@ const MICRO: Parameters = Parameters {
             reach_y_px: 0,
         }),
         vote: Some(region_vote(4)),
-        weighted_median: Some(weighted_median(12, 2)),
+        weighted_median: Some(weighted_median(10, 2)),
         ..AGGREGATION
     }),
 };
@@ -197,8 +198,9 @@ const BALANCED: Parameters = Parameters {
     support: Support { x_px: 10, y_px: 6 },
     seed: DEFAULT_SEED,
     method: Method::Aggregation(Aggregation {
-        kept_cells_q8: 77,
+        kept_cells_q8: 50,
         hamming_truncation: 36,
+        p1: 24,
         p2: 100,
         margin: 30,
         speckle: Some(SPECKLE),
@@ -216,10 +218,9 @@ const QUALITY: Parameters = Parameters {
     method: Method::Aggregation(Aggregation {
         kept_cells_q8: 64,
         hamming_truncation: 40,
-        p1: 16,
         p2: 105,
         p2_adaptation_q4: 20,
-        margin: 36,
+        margin: 30,
         speckle: Some(SPECKLE),
         vote: Some(region_vote(10)),
         weighted_median: Some(weighted_median(28, 2)),

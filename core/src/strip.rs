@@ -100,39 +100,41 @@ impl<'m> Strip<'m> {
     /// Stores the next line over the oldest. A line longer than the strip is cut; of a
     /// shorter one the last pixel is repeated. An empty one repeats black.
     pub fn push(&mut self, line: &[u8]) {
-        let start = self.slot(self.lines) * self.stride;
-        self.lines += 1;
-        let Some(stored) = self.pixels.get_mut(start..start + self.stride) else {
-            return;
-        };
         let line = line.get(..self.width).unwrap_or(line);
-        let first = line.first().copied().unwrap_or(0);
         let last = line.last().copied().unwrap_or(0);
-        let Some((before, rest)) = stored.split_at_mut_checked(self.padding) else {
-            return;
-        };
-        let Some((inside, after)) = rest.split_at_mut_checked(self.width) else {
-            return;
-        };
         let missing = self.width - line.len();
-        match self.order {
+        let order = self.order;
+        self.store(self.lines, |inside| match order {
             Order::Columns => {
-                before.fill(first);
-                after.fill(last);
                 let (given, repeated) = inside.split_at_mut(line.len());
                 given.copy_from_slice(line);
                 repeated.fill(last);
             }
             Order::Mirrored => {
-                before.fill(last);
-                after.fill(first);
                 let (repeated, given) = inside.split_at_mut(missing);
                 repeated.fill(last);
                 for (to, from) in given.iter_mut().rev().zip(line) {
                     *to = *from;
                 }
             }
-        }
+        });
+    }
+
+    /// Has `write` write a line in stored order: the next, or one of the newest `depth`
+    /// anew. Its ends are repeated into the padding.
+    pub fn store(&mut self, line: u32, write: impl FnOnce(&mut [u8])) {
+        let start = self.slot(line) * self.stride;
+        self.lines = self.lines.max(line + 1);
+        let stored = self.pixels.get_mut(start..start + self.stride);
+        let Some((before, rest)) = stored.and_then(|s| s.split_at_mut_checked(self.padding)) else {
+            return;
+        };
+        let Some((inside, after)) = rest.split_at_mut_checked(self.width) else {
+            return;
+        };
+        write(inside);
+        before.fill(inside.first().copied().unwrap_or(0));
+        after.fill(inside.last().copied().unwrap_or(0));
     }
 
     /// Stores the next line of a view whose lines lie `offset_q4` too low, 1/16 line, -16 to
@@ -208,6 +210,12 @@ impl<'m> Strip<'m> {
     #[must_use]
     pub fn row(&self, line: u32) -> &[u8] {
         self.run(line, 0, self.width)
+    }
+
+    /// The same with a pixel of the padding at both ends; empty without padding.
+    #[must_use]
+    pub fn padded(&self, line: u32) -> &[u8] {
+        self.run(line, -1, self.width + 2)
     }
 
     /// Once per line, not per pixel.

@@ -57,7 +57,7 @@ fn observed(
     let bytes = PatternRow::bytes(WIDTH, synapses.len());
     let mut memory = vec![0; bytes.div_ceil(4)];
     let mut row = PatternRow::new(WIDTH, synapses.len(), &mut Arena::new(&mut memory)).unwrap();
-    row.observe(strip, synapses, LINE, 0, WIDTH, &kernels);
+    row.observe([strip; 2], synapses, LINE, 0, WIDTH, &kernels);
     measure(&mut row);
 }
 
@@ -70,7 +70,8 @@ fn sampling(criterion: &mut Criterion) {
             with_strip(count, |strip, synapses| {
                 observed(strip, synapses, kernels, |row| {
                     group.bench_function(BenchmarkId::new(kernels.name(), count), |bencher| {
-                        bencher.iter(|| row.observe(strip, synapses, LINE, 0, WIDTH, &kernels));
+                        bencher
+                            .iter(|| row.observe([strip; 2], synapses, LINE, 0, WIDTH, &kernels));
                     });
                 });
             });
@@ -178,7 +179,14 @@ fn costs(criterion: &mut Criterion) {
                 let mut memory = vec![0; PatternRow::bytes(positions, count).div_ceil(4)];
                 let mut arena = Arena::new(&mut memory);
                 let mut stored = PatternRow::new(positions, count, &mut arena).unwrap();
-                stored.observe(strip, synapses, LINE, 0, WIDTH, &HostKernels::fastest());
+                stored.observe(
+                    [strip; 2],
+                    synapses,
+                    LINE,
+                    0,
+                    WIDTH,
+                    &HostKernels::fastest(),
+                );
                 stored.extend(WIDTH, 0, positions);
                 let masks = noise(count / CELLS_PER_BYTE * MASK_LANES, 256, 2);
                 let (levels, other) = (noise(WIDTH, 256, 3), noise(positions, 256, 4));

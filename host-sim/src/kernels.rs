@@ -124,6 +124,11 @@ macro_rules! compiled_for {
             }
 
             #[target_feature(enable = $features)]
+            pub fn smooth_row(rows: [&[u8]; 3], step_max: u8, smoothed: &mut [u8]) {
+                matching::smooth_row(rows, step_max, smoothed);
+            }
+
+            #[target_feature(enable = $features)]
             pub fn pack_cells(samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
                 kernel::pack_cells(samples, packed);
             }
@@ -223,6 +228,10 @@ impl Kernels for HostKernels {
         high: &mut [u8],
     ) {
         dispatch!(self, convert_row(conversion, levels, low, high));
+    }
+
+    fn smooth_row(&self, rows: [&[u8]; 3], step_max: u8, smoothed: &mut [u8]) {
+        dispatch!(self, smooth_row(rows, step_max, smoothed));
     }
 
     fn pack_cells(&self, samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {

@@ -377,6 +377,32 @@ impl Alignment {
     }
 }
 
+/// Takes line `y` as the strip has it now, and smooths the one above it.
+fn smooth(view: &View, y: i32, step_max: i32, smoothed: &mut [i32]) {
+    for x in 0..view.width {
+        smoothed[view.index(x, y)] = view.grey(x, y);
+        if y == 0 {
+            continue;
+        }
+        let own = view.grey(x, y - 1);
+        let near = |dx: i32, dy: i32| {
+            let level = view.grey(x + dx, y - 1 + dy);
+            if (level - own).abs() <= step_max {
+                level
+            } else {
+                own
+            }
+        };
+        let half = |a: i32, b: i32| (a + b).div_euclid(2);
+        let corners = half(
+            half(near(-1, -1), near(-1, 1)),
+            half(near(1, -1), near(1, 1)),
+        );
+        let edges = half(half(near(0, -1), near(0, 1)), half(near(-1, 0), near(1, 0)));
+        smoothed[view.index(x, y - 1)] = half(edges, half(own, corners));
+    }
+}
+
 /// Costs, aggregation and check, line by line because exposure and alignment are learned on
 /// the way.
 fn find(
@@ -407,6 +433,10 @@ fn find(
     let support_y = config.parameters.support.y_px;
     let mut alignment = Alignment::default();
     let mut other = raw_other.clone();
+    let support = config.parameters.support;
+    let smooths = a.smoothing_step > 0 && support.x_px > 0 && support.y_px > 0;
+    // As far as lines are in.
+    let mut smoothed = [reference, raw_other].map(|view| view.grey.clone());
     let mut lines_in = 0;
     // The first line twice: the first time only for the exposure.
     for (y, rehearsal) in [(0, true)]
@@ -415,21 +445,31 @@ fn find(
     {
         while lines_in < height && lines_in <= y + i32::from(support_y) {
             alignment.moved(raw_other, lines_in, &mut other);
+            if smooths {
+                for (view, smoothed) in [reference, &other].into_iter().zip(&mut smoothed) {
+                    smooth(view, lines_in, a.smoothing_step.into(), smoothed);
+                }
+            } else {
+                smoothed[1].clone_from(&other.grey);
+            }
             lines_in += 1;
         }
         let other = &other;
         let dead_zone = exposure.dead_zone;
-        let cells = |view: &View, x: i32| -> Vec<bool> {
-            let sample = |o: &StoredOffset| view.grey(x + i32::from(o[0]), y + i32::from(o[1]));
+        // The first half of the synapses sees the view smoothed.
+        let cells = |view: &View, smoothed: &[i32], x: i32| -> Vec<bool> {
             let n = offsets.len();
-            (0..n)
-                .map(|r| sample(&offsets[r]) > sample(&offsets[(r + 1) % n]))
-                .collect()
+            let sample = |r: usize| {
+                let [dx, dy] = offsets[r].map(i32::from);
+                let levels = if r < n / 2 { smoothed } else { &view.grey };
+                levels[view.index(x + dx, y + dy)]
+            };
+            (0..n).map(|r| sample(r) > sample((r + 1) % n)).collect()
         };
-        let stored: Vec<Vec<bool>> = (0..width).map(|x| cells(other, x)).collect();
+        let stored: Vec<Vec<bool>> = (0..width).map(|x| cells(other, &smoothed[1], x)).collect();
         let mut costs: Vec<Vec<i32>> = Vec::new();
         for x in 0..width {
-            let input = cells(reference, x);
+            let input = cells(reference, &smoothed[0], x);
             let mask = mask(reference, offsets, x, y, a);
             let kept = mask.iter().filter(|&&kept| kept).count() as i32;
             let cell_cost = (i32::from(a.hamming_scale) * 256 + kept / 2) / kept;

@@ -412,6 +412,25 @@ proptest! {
     }
 
     #[test]
+    fn smoothed_lines_are_alike(width in 1_usize..150, step_max in any::<u8>(), seed in any::<u64>()) {
+        let random = &mut Pcg32::seed_from_u64(seed);
+        let rows = [(); 3].map(|()| levels(random, width + 2));
+        let rows = rows.each_ref().map(Vec::as_slice);
+        let smoothed = |kernels: &dyn Fn(&mut [u8])| {
+            let mut smoothed = vec![1; width];
+            kernels(&mut smoothed);
+            smoothed
+        };
+        let expected = smoothed(&|row| Portable.smooth_row(rows, step_max, row));
+        for kernels in HostKernels::available() {
+            let found = smoothed(&|row| kernels.smooth_row(rows, step_max, row));
+            prop_assert_eq!(&found, &expected, "{}", kernels.name());
+        }
+        let found = smoothed(&|row| Armv7em.smooth_row(rows, step_max, row));
+        prop_assert_eq!(&found, &expected, "Armv7em");
+    }
+
+    #[test]
     fn arms_are_alike(
         width in 1_usize..200,
         reach in 0_u8..=127,

@@ -87,12 +87,16 @@ fn aggregation() -> impl Strategy<Value = Aggregation> {
         prop::option::weighted(0.8, vote),
         prop::option::weighted(0.8, weighted_median),
     );
-    let colour = prop::bool::weighted(0.75);
-    (colour, masks, costs, penalties, checks, refinement).prop_map(
-        |(colour, masks, costs, penalties, checks, refinement)| {
+    let levels = (
+        prop::bool::weighted(0.75),
+        prop_oneof![1 => Just(0_u8), 3 => 1_u8..=40],
+    );
+    (levels, masks, costs, penalties, checks, refinement).prop_map(
+        |((colour, smoothing_step), masks, costs, penalties, checks, refinement)| {
             let p2 = penalties.0 + penalties.1;
             Aggregation {
                 colour,
+                smoothing_step,
                 kept_cells_q8: masks.0,
                 mask_floor: masks.1,
                 mask_step: masks.2,

@@ -47,7 +47,7 @@ fn what_neither_clips_nor_drowns_in_noise_costs_little() {
         ("higher black level", 1.0, 0.0, 30.0, 0.0),
         ("rising black level", 1.0, 0.0, 0.0, 60.0),
         ("falling black level", 1.0, 0.0, 0.0, -60.0),
-        ("falling gain", 1.1, -1.0, 0.0, 0.0),
+        ("falling gain", 1.0, -0.8, 0.0, 0.0),
     ];
     // How far a blank wall is filled from either side hangs on the synapses drawn.
     let mean = |preset: Preset, scene: &Scene| {
@@ -55,7 +55,7 @@ fn what_neither_clips_nor_drowns_in_noise_costs_little() {
         let bad = seeds.map(|seed| bad(preset.parameters().with_seed(seed), scene));
         bad.sum::<f64>() / 6.0
     };
-    let presets = [Preset::Lite, Preset::Micro];
+    let presets = [Preset::Lite, Preset::Micro, Preset::Balanced];
     let equal = exposed(Exposure::EQUAL);
     let equal = presets.map(|preset| mean(preset, &equal));
     for (name, gain, gain_gradient, offset, offset_gradient) in exposures {
@@ -67,7 +67,7 @@ fn what_neither_clips_nor_drowns_in_noise_costs_little() {
         });
         for (preset, equal) in presets.into_iter().zip(equal) {
             let cost = mean(preset, &scene) - equal;
-            assert!(cost <= 0.8, "{preset}, {name}: {cost:+.2}");
+            assert!(cost <= 0.65, "{preset}, {name}: {cost:+.2}");
         }
     }
 }

@@ -9,7 +9,8 @@
 //! [`RowMatcher`] recalls the nearest patterns, as the paper has it. [`SurfaceMatcher`]
 //! makes costs of the distances: over the cells on the pixel's surface (mask), with a
 //! difference of levels in the reference camera's exposure (exposure, cost). On the way it
-//! learns by how much the other view's lines lie too low (alignment).
+//! learns by how much the other view's lines lie too low (alignment). Half of its samples are
+//! taken where noise is averaged away (smoothing).
 
 mod alignment;
 mod channels;
@@ -20,6 +21,7 @@ mod mask;
 mod row;
 mod row_masks;
 mod sampler;
+mod smoothing;
 mod surface;
 mod winner;
 
@@ -30,6 +32,7 @@ pub use hamming::{LANES, NO_DISTANCE, distances};
 pub use mask::{MASK_LANES, MaskBlock, mask_block};
 pub use row::RowMatcher;
 pub use row_masks::{BlockMasks, RowMasks, SurfaceMasks, block_first};
+pub use smoothing::smooth_row;
 pub use surface::SurfaceMatcher;
 pub use winner::{Nearest, best, nearest, nth_at};
 

@@ -6,6 +6,7 @@ use crate::config::{Config, ConfigError, Recall};
 use crate::disparity::Reference;
 use crate::kernel::Kernels;
 use crate::memory::{Arena, words};
+use crate::minchinton::PatternRow;
 use crate::strip::{Order, Strip};
 use crate::synapse::Synapses;
 
@@ -14,6 +15,10 @@ use crate::synapse::Synapses;
 pub struct RowMatcher<'m, K> {
     kernels: K,
     sampler: Sampler<'m>,
+    /// Patterns of the reference view.
+    inputs: PatternRow<'m>,
+    /// Patterns of the other view.
+    stored: PatternRow<'m>,
     distances: &'m mut [i16],
     candidates_px: &'m mut [i16],
     recall: Recall,
@@ -26,7 +31,10 @@ impl RowMatcher<'_, ()> {
     pub const fn memory_words(config: &Config, recall: &Recall) -> usize {
         let disparities = config.disparities.count as usize;
         let columns = config.region.width as usize;
+        let synapses = config.parameters.synapses as usize;
         Sampler::memory_words(config, Self::sampler_size(config))
+            + words(PatternRow::bytes(columns, synapses), 1)
+            + words(PatternRow::bytes(config.width as usize, synapses), 1)
             + words(disparities.next_multiple_of(LANES), size_of::<i16>())
             + words(recall.candidates as usize * columns, size_of::<i16>())
     }
@@ -34,11 +42,10 @@ impl RowMatcher<'_, ()> {
     const fn sampler_size(config: &Config) -> SamplerSize {
         let support = config.parameters.support;
         SamplerSize {
-            inputs: config.region.width as usize,
-            stored: config.width as usize,
             reference_depth: Strip::depth(support),
             reference_padding: support.x_px as usize,
             other_moving: false,
+            smoothing_step: None,
         }
     }
 }
@@ -63,9 +70,12 @@ impl<'m, K: Kernels> RowMatcher<'m, K> {
         let size = RowMatcher::sampler_size(config);
         let disparities = usize::from(config.disparities.count);
         let columns = usize::from(config.region.width);
+        let synapses = usize::from(config.parameters.synapses);
         Ok(Self {
             kernels,
             sampler: Sampler::new(config, size, [Order::Columns, other_order], arena)?,
+            inputs: PatternRow::new(columns, synapses, arena)?,
+            stored: PatternRow::new(config.width.into(), synapses, arena)?,
             distances: arena.take(disparities.next_multiple_of(LANES))?,
             candidates_px: arena.take(usize::from(recall.candidates) * columns)?,
             recall: *recall,
@@ -93,7 +103,7 @@ impl<'m, K: Kernels> RowMatcher<'m, K> {
     /// row inside the region of interest, gives its line in the frame; the row is then
     /// [`RowMatcher::candidates_px`].
     pub fn push(&mut self, left: &[u8], right: &[u8]) -> Option<u32> {
-        self.sampler.push(left, right);
+        self.sampler.push(left, right, &self.kernels);
         let line = self.sampler.next_row(false)?;
         self.recall(line);
         Some(line)
@@ -127,13 +137,16 @@ impl<'m, K: Kernels> RowMatcher<'m, K> {
         };
         let disparities = usize::from(self.config.disparities.count);
         let used = used_positions(first, step, columns, disparities, width);
-        let inputs = column..column + columns;
-        self.sampler
-            .observe(line, inputs, used.clone(), &self.kernels);
+        self.sampler.observe(
+            line,
+            (&mut self.inputs, column..column + columns),
+            (&mut self.stored, used.clone()),
+            &self.kernels,
+        );
         let row = RowRecall {
-            inputs: self.sampler.inputs.planes(),
+            inputs: self.inputs.planes(),
             count: columns,
-            stored: self.sampler.stored.planes(),
+            stored: self.stored.planes(),
             stored_count: used.len(),
             first: first - used.start as isize,
             step,

@@ -37,8 +37,9 @@ pub trait RowMasks {
 
     /// Masks of the row's pixels from stored position `first` on: [`MASK_LANES`] of them, or
     /// all of a row that is narrower. `first` is one that
-    /// [`block_first`] gives.
-    fn block(&mut self, channels: &[Strip<'_>], first: usize) -> BlockMasks<'_>;
+    /// [`block_first`] gives; `scratch` has at least [`SurfaceMasks::scratch_bytes`].
+    fn block(&mut self, channels: &[Strip<'_>], first: usize, scratch: &mut [u8])
+    -> BlockMasks<'_>;
 }
 
 /// Masks made when they are asked for.
@@ -47,7 +48,6 @@ pub struct SurfaceMasks<'m, K> {
     kernels: K,
     synapses: Synapses<'m>,
     masks: &'m mut [u8],
-    cells: &'m mut [u8],
     /// Where in the strips the row's first pixel has its samples, by synapse.
     starts: &'m mut [u32],
     /// Where it is itself.
@@ -67,9 +67,16 @@ impl SurfaceMasks<'_, ()> {
             return 0;
         }
         let cells = config.parameters.synapses as usize;
-        words(cells / CELLS_PER_BYTE * MASK_LANES, 1)
-            + words(cells * MASK_LANES, 1)
-            + words(cells, size_of::<u32>())
+        words(cells / CELLS_PER_BYTE * MASK_LANES, 1) + words(cells, size_of::<u32>())
+    }
+
+    /// Bytes of scratch for a block.
+    #[must_use]
+    pub const fn scratch_bytes(config: &Config, parameters: &Aggregation) -> usize {
+        if every_cell_counts(parameters) {
+            return 0;
+        }
+        config.parameters.synapses as usize * MASK_LANES
     }
 }
 
@@ -97,7 +104,6 @@ impl<'m, K: Kernels> SurfaceMasks<'m, K> {
         let width = usize::from(config.width);
         let lanes = MASK_LANES.min(width);
         let masks: &'m mut [u8] = arena.take(synapse_count / CELLS_PER_BYTE * MASK_LANES)?;
-        let cells: &'m mut [u8] = arena.take(synapse_count * MASK_LANES)?;
         // At least one cell, rounded up, and at most the number of synapses.
         let kept = (u32::from(count) * u32::from(parameters.kept_cells_q8)).div_ceil(256);
         Ok(Some(Self {
@@ -107,7 +113,6 @@ impl<'m, K: Kernels> SurfaceMasks<'m, K> {
             masks: masks
                 .get_mut(..synapse_count / CELLS_PER_BYTE * lanes)
                 .unwrap_or_default(),
-            cells: cells.get_mut(..synapse_count * lanes).unwrap_or_default(),
             starts: arena.take(synapse_count)?,
             centre: 0,
             width,
@@ -132,7 +137,12 @@ impl<K: Kernels> RowMasks for SurfaceMasks<'_, K> {
         self.centre = start(Offset { dx: 0, dy: 0 }).unwrap_or(0);
     }
 
-    fn block(&mut self, channels: &[Strip<'_>], first: usize) -> BlockMasks<'_> {
+    fn block(
+        &mut self,
+        channels: &[Strip<'_>],
+        first: usize,
+        scratch: &mut [u8],
+    ) -> BlockMasks<'_> {
         let mut levels = [&[][..]; MAX_CHANNELS];
         for (levels, channel) in levels.iter_mut().zip(channels) {
             *levels = channel.pixels();
@@ -142,6 +152,7 @@ impl<K: Kernels> RowMasks for SurfaceMasks<'_, K> {
             1 => (self.floor / 3, self.step.get() / 3),
             _ => (self.floor, self.step.get()),
         };
+        let cells = self.synapses.len() * self.lanes;
         let mut task = MaskBlock {
             levels,
             channels: channels.len(),
@@ -152,7 +163,7 @@ impl<K: Kernels> RowMasks for SurfaceMasks<'_, K> {
             kept: self.kept,
             floor,
             step: NonZeroU8::new(step).unwrap_or(NonZeroU8::MIN),
-            cells: self.cells,
+            cells: scratch.get_mut(..cells).unwrap_or_default(),
             masks: self.masks,
             counts: [0; MASK_LANES],
         };

@@ -1,10 +1,11 @@
-//! Strips of both views and the patterns of one row of each.
+//! Strips of both views, from which the patterns of a row of each are formed.
 
 use core::ops::Range;
 
 use rand_core::SeedableRng;
 use rand_pcg::Pcg32;
 
+use super::smoothing::SmoothedStrips;
 use crate::config::{Config, ConfigError, Region};
 use crate::disparity::Reference;
 use crate::kernel::Kernels;
@@ -17,12 +18,9 @@ use crate::synapse::{StoredOffset, Synapses};
 #[derive(Debug)]
 pub(super) struct Sampler<'m> {
     synapses: Synapses<'m>,
-    /// Patterns of the reference view.
-    pub(super) inputs: PatternRow<'m>,
-    /// Patterns of the other view.
-    pub(super) stored: PatternRow<'m>,
     pub(super) reference: Strip<'m>,
     pub(super) other: Strip<'m>,
+    smoothed: Option<SmoothedStrips<'m>>,
     view: Reference,
     region: Region,
     reach_lines: u32,
@@ -32,16 +30,15 @@ pub(super) struct Sampler<'m> {
 /// What a sampler is sized for.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SamplerSize {
-    /// Patterns of the reference view.
-    pub(super) inputs: usize,
-    /// Patterns of the other view.
-    pub(super) stored: usize,
     /// Lines kept of the reference view.
     pub(super) reference_depth: usize,
     /// Pixels kept of the reference view on either side of a line.
     pub(super) reference_padding: usize,
     /// Whether lines of the other view are moved; see [`Strip::push_moved`].
     pub(super) other_moving: bool,
+    /// Largest step of grey that is smoothed for the first half of the synapses; `None` where
+    /// all see lines as they came.
+    pub(super) smoothing_step: Option<u8>,
 }
 
 impl<'m> Sampler<'m> {
@@ -51,14 +48,16 @@ impl<'m> Sampler<'m> {
         let width = config.width as usize;
         let support = parameters.support;
         words(synapses, size_of::<StoredOffset>())
-            + words(PatternRow::bytes(size.inputs, synapses), 1)
-            + words(PatternRow::bytes(size.stored, synapses), 1)
             + Strip::memory_words(width, size.reference_padding, size.reference_depth)
             + Strip::memory_words(width, support.x_px as usize, Strip::depth(support))
             + if size.other_moving {
                 Strip::moving_words(width)
             } else {
                 0
+            }
+            + match size.smoothing_step {
+                Some(_) => SmoothedStrips::memory_words(config),
+                None => 0,
             }
     }
 
@@ -83,8 +82,6 @@ impl<'m> Sampler<'m> {
         let other = Strip::new(width, padding, depth, other_order, arena)?;
         Ok(Self {
             synapses: Synapses::from_stored(stored_offsets),
-            inputs: PatternRow::new(size.inputs, count, arena)?,
-            stored: PatternRow::new(size.stored, count, arena)?,
             reference: Strip::new(
                 width,
                 size.reference_padding,
@@ -96,6 +93,10 @@ impl<'m> Sampler<'m> {
                 other.moving(arena)?
             } else {
                 other
+            },
+            smoothed: match size.smoothing_step {
+                Some(step_max) => Some(SmoothedStrips::new(config, step_max, orders, arena)?),
+                None => None,
             },
             view: config.reference,
             region: config.region,
@@ -117,19 +118,31 @@ impl<'m> Sampler<'m> {
     pub(super) fn reset(&mut self) {
         self.reference.clear();
         self.other.clear();
+        if let Some(smoothed) = &mut self.smoothed {
+            smoothed.clear();
+        }
         self.next_row = 0;
     }
 
     /// Takes the next pair of grey lines.
-    pub(super) fn push(&mut self, left: &[u8], right: &[u8]) {
+    pub(super) fn push(&mut self, left: &[u8], right: &[u8], kernels: &impl Kernels) {
         let (reference, other) = in_roles(self.view, left, right);
-        self.push_roles(reference, other, 0);
+        self.push_roles(reference, other, 0, kernels);
     }
 
     /// The same, the reference view's line first; the other's lies too low.
-    pub(super) fn push_roles(&mut self, reference: &[u8], other: &[u8], other_offset_q4: i8) {
+    pub(super) fn push_roles(
+        &mut self,
+        reference: &[u8],
+        other: &[u8],
+        other_offset_q4: i8,
+        kernels: &impl Kernels,
+    ) {
         self.reference.push(reference);
         self.other.push_moved(other, other_offset_q4);
+        if let Some(smoothed) = &mut self.smoothed {
+            smoothed.follow(&self.reference, &self.other, kernels);
+        }
     }
 
     /// The next row inside the region whose lines below are all there; with `finishing`,
@@ -146,22 +159,28 @@ impl<'m> Sampler<'m> {
         None
     }
 
-    /// Forms the patterns of row `line`: of these positions of the reference view, and of
-    /// these of the other; they stand from position 0 on.
-    pub(super) fn observe(
-        &mut self,
+    /// Forms the patterns of row `line`: into `inputs` those of positions of the reference
+    /// view, into `stored` those of the other, each from position 0 on.
+    pub(super) fn observe<'p>(
+        &self,
         line: u32,
-        inputs: Range<usize>,
-        stored: Range<usize>,
+        (inputs, input_positions): (&mut PatternRow<'p>, Range<usize>),
+        (stored, stored_positions): (&mut PatternRow<'p>, Range<usize>),
         kernels: &impl Kernels,
     ) {
-        let synapses = &self.synapses;
-        let (first, count) = (inputs.start, inputs.len());
-        self.inputs
-            .observe(&self.reference, synapses, line, first, count, kernels);
-        let (first, count) = (stored.start, stored.len());
-        self.stored
-            .observe(&self.other, synapses, line, first, count, kernels);
+        let [reference, other] = [&self.reference, &self.other];
+        // Smoothed or not, and as they came.
+        let (references, others) = match &self.smoothed {
+            Some(smoothed) => ([&smoothed.reference, reference], [&smoothed.other, other]),
+            None => ([reference; 2], [other; 2]),
+        };
+        for (patterns, strips, positions) in [
+            (inputs, references, input_positions),
+            (stored, others, stored_positions),
+        ] {
+            let (first, count) = (positions.start, positions.len());
+            patterns.observe(strips, &self.synapses, line, first, count, kernels);
+        }
     }
 }
 

@@ -12,7 +12,7 @@ use crate::config::{Aggregation, Config, ConfigError};
 use crate::disparity::{Reference, STEPS_PER_PX};
 use crate::kernel::Kernels;
 use crate::memory::{Arena, OutOfMemory, words};
-use crate::minchinton::{CELLS_PER_BYTE, Planes};
+use crate::minchinton::{CELLS_PER_BYTE, PatternRow, Planes};
 use crate::strip::{Order, Strip};
 use crate::synapse::Synapses;
 
@@ -34,9 +34,8 @@ pub struct SurfaceMatcher<'m, K, M = SurfaceMasks<'m, K>> {
     masks: Option<M>,
     /// By the number of cells that count, the cost of one of them, 1/256.
     cell_costs_q8: &'m mut [u16],
-    other_low: &'m mut [u8],
-    other_high: &'m mut [u8],
     costs: &'m mut [u8],
+    /// Path costs from the right; before that, [`CostInputs`].
     from_right: &'m mut [u8],
     from_above: &'m mut [u8],
     p2_along: &'m mut [u8],
@@ -68,6 +67,7 @@ struct Sizes {
     colour: bool,
     /// Whether lines of the other view are moved to where those of the reference view are.
     aligned: bool,
+    smoothing_step: Option<u8>,
 }
 
 impl Sizes {
@@ -125,13 +125,18 @@ impl Sizes {
             padding: max(support.x_px as usize, median_x),
             colour: parameters.colour && !config.format.is_grey(),
             aligned: parameters.aligns_lines(),
+            // Without a line below or a pixel beside it in the support, there is nothing to see.
+            smoothing_step: if parameters.smoothing_step > 0 && support.x_px > 0 && support.y_px > 0
+            {
+                Some(parameters.smoothing_step)
+            } else {
+                None
+            },
         }
     }
 
     const fn sampler(&self, config: &Config) -> SamplerSize {
         SamplerSize {
-            inputs: self.width,
-            stored: self.positions,
             reference_depth: if self.colour {
                 self.pattern_depth
             } else {
@@ -143,6 +148,7 @@ impl Sizes {
                 self.padding
             },
             other_moving: self.aligned,
+            smoothing_step: self.smoothing_step,
         }
     }
 
@@ -179,10 +185,68 @@ impl Sizes {
         if self.colour { MAX_CHANNELS } else { 1 }
     }
 
+    /// Bytes of one of the two rows of levels of the other view, all channels.
+    const fn level_bytes(&self, parameters: &Aggregation) -> usize {
+        if parameters.difference_weight_q4 > 0 {
+            self.channels() * self.positions
+        } else {
+            0
+        }
+    }
+
+    /// Bytes of [`CostInputs`].
+    const fn cost_input_bytes(&self, config: &Config, parameters: &Aggregation) -> usize {
+        let synapses = config.parameters.synapses as usize;
+        2 * self.level_bytes(parameters)
+            + PatternRow::bytes(self.width, synapses)
+            + PatternRow::bytes(self.positions, synapses)
+            + SurfaceMasks::scratch_bytes(config, parameters)
+    }
+
     /// Position of the last pixel's lowest disparity.
     const fn last_position(&self, config: &Config) -> usize {
         self.front
             .saturating_add_signed(config.disparities.minimum_px as isize)
+    }
+}
+
+/// What the costs of a row are computed from.
+#[derive(Debug)]
+struct CostInputs<'s> {
+    /// Levels of the other view by stored position, channel by channel, less the dead zone.
+    low: &'s mut [u8],
+    /// The same, more the dead zone.
+    high: &'s mut [u8],
+    /// Patterns of the reference view.
+    own: PatternRow<'s>,
+    /// Patterns of the other view, by stored position.
+    stored: PatternRow<'s>,
+    /// Scratch of the masks.
+    cells: &'s mut [u8],
+}
+
+impl<'s> CostInputs<'s> {
+    /// In scratch of [`Sizes::cost_input_bytes`], whatever it holds.
+    fn over(
+        scratch: &'s mut [u8],
+        sizes: &Sizes,
+        config: &Config,
+        parameters: &Aggregation,
+    ) -> Self {
+        let synapses = usize::from(config.parameters.synapses);
+        let mut rest = scratch;
+        let mut part = |bytes: usize| rest.split_off_mut(..bytes).unwrap_or_default();
+        let level_bytes = sizes.level_bytes(parameters);
+        let mut patterns =
+            |width| PatternRow::over(part(PatternRow::bytes(width, synapses)), width, synapses);
+        let (own, stored) = (patterns(sizes.width), patterns(sizes.positions));
+        Self {
+            own,
+            stored,
+            low: part(level_bytes),
+            high: part(level_bytes),
+            cells: rest,
+        }
     }
 }
 
@@ -207,16 +271,19 @@ impl SurfaceMatcher<'_, ()> {
         let sizes = Sizes::new(config, parameters);
         let synapses = config.parameters.synapses as usize;
         let width = sizes.width;
-        let mut total = Sampler::memory_words(config, sizes.sampler(config))
+        Sampler::memory_words(config, sizes.sampler(config))
             + ChannelStrips::memory_words(sizes.beside_sampler(sizes.reference(config)))
             + ChannelStrips::memory_words(sizes.beside_sampler(sizes.other(config)))
-            + SurfaceMasks::memory_words(config, parameters);
-        if parameters.difference_weight_q4 > 0 {
-            total += 2 * words(sizes.channels() * sizes.positions, 1);
-        }
-        total
+            + SurfaceMasks::memory_words(config, parameters)
             + words(synapses + 1, size_of::<u16>())
-            + 3 * words(width * sizes.stride, 1)
+            + 2 * words(width * sizes.stride, 1)
+            + words(
+                max(
+                    width * sizes.stride,
+                    sizes.cost_input_bytes(config, parameters),
+                ),
+                1,
+            )
             + 2 * words(width, 1)
             + words(path_scratch_bytes(sizes.stride), 1)
             + words(sizes.stride, size_of::<i16>())
@@ -289,11 +356,6 @@ impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
         let reference = ChannelStrips::new(reference, order, arena)?;
         let other = sizes.beside_sampler(sizes.other(config));
         let other = ChannelStrips::new(other, other_order, arena)?;
-        let levels = if parameters.difference_weight_q4 > 0 {
-            sizes.channels() * sizes.positions
-        } else {
-            0
-        };
         Ok(Self {
             kernels,
             sampler,
@@ -303,10 +365,11 @@ impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
             alignment: Alignment::new(parameters.line_offset_max_q4, config.parameters.support),
             masks,
             cell_costs_q8: cell_costs(parameters, arena.take(synapses + 1)?),
-            other_low: arena.take(levels)?,
-            other_high: arena.take(levels)?,
             costs: arena.take(width * sizes.stride)?,
-            from_right: arena.take(width * sizes.stride)?,
+            from_right: arena.take(max(
+                width * sizes.stride,
+                sizes.cost_input_bytes(config, parameters),
+            ))?,
             from_above: arena.take(width * sizes.stride)?,
             p2_along: arena.take(width)?,
             p2_down: arena.take(width)?,
@@ -351,7 +414,8 @@ impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
         let reference = self.reference.push(reference, &self.kernels);
         let offset_q4 = self.alignment.offset_q4();
         let other = self.other.push_moved(other, offset_q4, &self.kernels);
-        self.sampler.push_roles(reference, other, offset_q4);
+        self.sampler
+            .push_roles(reference, other, offset_q4, &self.kernels);
         let line = self.sampler.next_row(false)?;
         self.match_row(line);
         Some(line)
@@ -386,11 +450,6 @@ impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
     fn match_row(&mut self, line: u32) {
         let is_first = line == self.config.region.y;
         let sizes = Sizes::new(&self.config, &self.parameters);
-        self.sampler
-            .observe(line, 0..sizes.width, 0..sizes.width, &self.kernels);
-        self.sampler
-            .stored
-            .extend(sizes.width, sizes.front, sizes.positions);
         if is_first && self.parameters.difference_weight_q4 > 0 {
             self.rehearse(line, &sizes);
         }
@@ -407,19 +466,36 @@ impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
     }
 
     fn match_levels_and_patterns(&mut self, line: u32, is_first: bool, sizes: &Sizes) {
-        self.convert_levels(line, sizes);
-        self.compute_costs(line, sizes);
+        let scratch = core::mem::take(&mut self.from_right);
+        let mut inputs = CostInputs::over(scratch, sizes, &self.config, &self.parameters);
+        self.observe(line, &mut inputs, sizes);
+        self.convert_levels(line, &mut inputs, sizes);
+        self.compute_costs(line, inputs, sizes);
+        self.from_right = scratch;
         self.aggregate(line, is_first, sizes);
     }
 
+    /// The patterns of both views; those of the other by stored position.
+    fn observe(&self, line: u32, inputs: &mut CostInputs<'_>, sizes: &Sizes) {
+        let (own, stored) = (&mut inputs.own, &mut inputs.stored);
+        let positions = 0..sizes.width;
+        self.sampler.observe(
+            line,
+            (own, positions.clone()),
+            (&mut *stored, positions),
+            &self.kernels,
+        );
+        stored.extend(sizes.width, sizes.front, sizes.positions);
+    }
+
     /// The other view's levels in the reference camera's exposure, by stored position.
-    fn convert_levels(&mut self, line: u32, sizes: &Sizes) {
+    fn convert_levels(&self, line: u32, inputs: &mut CostInputs<'_>, sizes: &Sizes) {
         if self.parameters.difference_weight_q4 == 0 {
             return;
         }
         let others = channels_of(&self.other, &self.sampler.other);
-        let lows = self.other_low.chunks_exact_mut(sizes.positions.max(1));
-        let highs = self.other_high.chunks_exact_mut(sizes.positions.max(1));
+        let lows = inputs.low.chunks_exact_mut(sizes.positions.max(1));
+        let highs = inputs.high.chunks_exact_mut(sizes.positions.max(1));
         for ((channel, (low, high)), other) in lows.zip(highs).enumerate().zip(others) {
             let levels = other.row(line);
             let inside = sizes.front..sizes.front + sizes.width;
@@ -436,7 +512,7 @@ impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
     }
 
     /// Run by run: the masks, if there are any, then the costs.
-    fn compute_costs(&mut self, line: u32, sizes: &Sizes) {
+    fn compute_costs(&mut self, line: u32, inputs: CostInputs<'_>, sizes: &Sizes) {
         let parameters = &self.parameters;
         let synapses = self.config.parameters.synapses;
         let channels = channels_of(&self.reference, &self.sampler.reference);
@@ -456,7 +532,7 @@ impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
             let skipped = start - first;
             let mut masks = Planes::NONE;
             if let Some(source) = &mut self.masks {
-                let block = source.block(channels, first);
+                let block = source.block(channels, first, inputs.cells);
                 let counts = block.counts.iter().skip(skipped);
                 for (cost, &count) in cell_costs_q8.iter_mut().zip(counts) {
                     *cost = cost_of(count).unwrap_or(0);
@@ -469,16 +545,16 @@ impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
             }
             let run = CostRun {
                 start,
-                inputs: self.sampler.inputs.planes(),
+                inputs: inputs.own.planes(),
                 masks,
                 cell_costs_q8: cell_costs_q8.get(..lanes).unwrap_or_default(),
-                stored: self.sampler.stored.planes(),
+                stored: inputs.stored.planes(),
                 first_position: sizes.last_position(&self.config) + sizes.width - 1 - start,
                 disparities: self.config.disparities.count.into(),
                 hamming_truncation: parameters.hamming_truncation,
                 levels,
-                other_low: planes_of(self.other_low, sizes.positions),
-                other_high: planes_of(self.other_high, sizes.positions),
+                other_low: planes_of(inputs.low, sizes.positions),
+                other_high: planes_of(inputs.high, sizes.positions),
                 channels: sizes.channels(),
                 difference_truncation: parameters.difference_truncation,
                 difference_weight_q4: parameters.difference_weight_q4,
@@ -503,7 +579,10 @@ impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
         write_penalties(parameters, grey, above, self.p2_down);
         self.kernels.aggregate_row(&mut AggregateRow {
             costs: self.costs,
-            from_right: self.from_right,
+            from_right: self
+                .from_right
+                .get_mut(..sizes.width * sizes.stride)
+                .unwrap_or_default(),
             from_above: self.from_above,
             stride: sizes.stride,
             disparities: self.config.disparities.count.into(),

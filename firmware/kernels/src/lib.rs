@@ -16,6 +16,7 @@ mod median9;
 mod pack;
 #[allow(unsafe_code)]
 mod simd;
+mod smooth;
 mod weighted_median;
 
 use vgstereo_core::aggregation::AggregateRow;
@@ -39,6 +40,11 @@ impl Kernels for Armv7em {
         high: &mut [u8],
     ) {
         convert::convert_row(conversion, levels, low, high);
+    }
+
+    #[inline]
+    fn smooth_row(&self, rows: [&[u8]; 3], step_max: u8, smoothed: &mut [u8]) {
+        smooth::smooth_row(rows, step_max, smoothed);
     }
 
     #[inline]

@@ -115,6 +115,29 @@ pub fn saturate_to_u8x2(a: u32) -> u32 {
     }
 }
 
+/// Differences of bytes that wrap round.
+#[inline(always)]
+#[must_use]
+pub fn sub_wrapping_u8x4(a: u32, b: u32) -> u32 {
+    #[cfg(dsp_extension)]
+    {
+        let result;
+        // SAFETY: the instruction works on registers and flags alone.
+        unsafe {
+            core::arch::asm!(
+                "usub8 {}, {}, {}",
+                lateout(reg) result, in(reg) a, in(reg) b,
+                options(pure, nomem, nostack),
+            );
+        }
+        result
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        lanes::difference::<BYTES>(a, b)
+    }
+}
+
 /// Evaluates a comparison that sets the flags of all lanes, and a selection by these flags; on
 /// other targets plain code, which gives all bits of a lane or none.
 macro_rules! selection {
@@ -366,7 +389,7 @@ mod lanes {
 
     /// Differences that wrap round.
     #[inline(always)]
-    fn difference<const BITS: u32>(a: u32, b: u32) -> u32 {
+    pub fn difference<const BITS: u32>(a: u32, b: u32) -> u32 {
         let tops = tops(BITS);
         ((a | tops) - (b & !tops)) ^ ((a ^ !b) & tops)
     }
@@ -419,6 +442,7 @@ mod tests {
             let ge = |yes: bool| if yes { u8::MAX } else { 0 };
             assert_eq!(add_saturating_u8x4(a, b), bytes(a, b, u8::saturating_add));
             assert_eq!(sub_saturating_u8x4(a, b), bytes(a, b, u8::saturating_sub));
+            assert_eq!(sub_wrapping_u8x4(a, b), bytes(a, b, u8::wrapping_sub));
             assert_eq!(halve_sum_u8x4(a, b), bytes(a, b, u8::midpoint));
             let halved = |a: u8, b: u8| ((i16::from(a) - i16::from(b)) >> 1) as u8;
             assert_eq!(halve_difference_u8x4(a, b), bytes(a, b, halved));

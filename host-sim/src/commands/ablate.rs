@@ -37,8 +37,9 @@ pub struct Ablate {
 type Removal = (&'static str, fn(&mut Aggregation) -> bool);
 
 /// The stages in the order of the data.
-const REMOVALS: [Removal; 11] = [
+const REMOVALS: [Removal; 12] = [
     ("colour", |a| std::mem::replace(&mut a.colour, false)),
+    ("smoothing", |a| std::mem::take(&mut a.smoothing_step) > 0),
     ("masks", |a| {
         std::mem::replace(&mut a.kept_cells_q8, 256) < 256
     }),

@@ -56,12 +56,13 @@ pub(super) fn match_pipelined(
     let mut lines = ReferenceLines::new(config, aggregation, views, kernels, arena)?;
     let width = usize::from(config.width);
     let mut rows = rows_of(config, views)?;
+    let mut scratch = vec![0; SurfaceMasks::scratch_bytes(config, aggregation)];
     // As many rows as were found: masks stay as far ahead as they were at first.
     let make_masks = move || {
         let Some(masks) = &mut masks else { return };
         let rows = rows.by_ref().take(BATCH_ROWS);
         let batch: Vec<_> = rows
-            .map(|row| MaskRow::new(masks, lines.around(row), row, width))
+            .map(|row| MaskRow::new(masks, lines.around(row), row, width, &mut scratch))
             .collect();
         // Not taken only after a panic of the other thread, which is passed on.
         let _ = mask_sender.send(batch);
@@ -148,11 +149,17 @@ struct MaskRow {
 }
 
 impl MaskRow {
-    fn new(masks: &mut impl RowMasks, channels: &[Strip<'_>], line: u32, width: usize) -> Self {
+    fn new(
+        masks: &mut impl RowMasks,
+        channels: &[Strip<'_>],
+        line: u32,
+        width: usize,
+        scratch: &mut [u8],
+    ) -> Self {
         let mut row = Self::default();
         masks.begin(channels, line);
         for start in (0..width).step_by(MASK_LANES) {
-            let block = masks.block(channels, block_first(start, width));
+            let block = masks.block(channels, block_first(start, width), scratch);
             row.masks.extend_from_slice(block.masks);
             row.counts.push(block.counts);
         }
@@ -186,7 +193,7 @@ impl RowMasks for MasksAhead {
         }
     }
 
-    fn block(&mut self, _: &[Strip<'_>], first: usize) -> BlockMasks<'_> {
+    fn block(&mut self, _: &[Strip<'_>], first: usize, _: &mut [u8]) -> BlockMasks<'_> {
         // The last block may begin within the one before.
         let index = first.div_ceil(MASK_LANES);
         let bytes = self.row.masks.len() / self.row.counts.len().max(1);
