@@ -21,7 +21,8 @@
 //!    v
 //!  strip       the newest lines of each view, clamped; the     (strip)
 //!    |         other's moved where they lie too low or high, by a fraction of a line
-//!    |         samples at the offsets of the synapses           (synapse)
+//!    |         samples at the offsets of the synapses,          (synapse)
+//!    |         half of them where noise is averaged away        (matching)
 //!    v
 //!  patterns    one bit per pair of samples, one row per view    (minchinton)
 //!    |

@@ -5,14 +5,14 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
-use image::DynamicImage;
-use serde::Deserialize;
+use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma};
+use serde::{Deserialize, Serialize};
 
-use crate::files::read_image;
+use crate::files::{encode, make_folder, read_image, write_files};
 use crate::scene::{GroundTruth, Mask, Scene};
 
 /// What `meta.toml` of a scene must say; other keys are the data set's own.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Serialize, Deserialize)]
 struct Meta {
     d_max: u16,
     gt_scale: f32,
@@ -120,6 +120,67 @@ pub fn load_scene(folder: &Path) -> Result<Scene> {
         d_max: meta.d_max,
         truth: Some(truth),
     })
+}
+
+/// Saves a scene as [`load_scene`] reads it, the truth in 16 bits; makes the folder.
+///
+/// # Errors
+/// One line that names the file or folder and the reason; no file is then written.
+pub fn save_scene(folder: &Path, scene: &Scene) -> Result<()> {
+    let (width, height) = scene.left.dimensions();
+    // As fine as 16 bits hold.
+    let gt_scale = f32::from(u16::MAX / scene.d_max.max(1)).min(256.0);
+    let meta = Meta {
+        d_max: scene.d_max,
+        gt_scale,
+    };
+    let disparities = |px: &[f32]| -> Result<DynamicImage> {
+        // 0 is unknown, as casts make of NaN; they saturate.
+        let values = px.iter().map(|&px| match (px * gt_scale).round() {
+            known if known >= 0.0 => (known as u16).max(1),
+            _ => 0,
+        });
+        let image = ImageBuffer::<Luma<u16>, _>::from_raw(width, height, values.collect());
+        Ok(image
+            .context("the truth has another size than its view")?
+            .into())
+    };
+    let mask = |mask: &Mask| -> Result<DynamicImage> {
+        let values = mask.iter().map(|&counts| if counts { u8::MAX } else { 0 });
+        let image = GrayImage::from_raw(width, height, values.collect());
+        Ok(image
+            .context("a mask has another size than its view")?
+            .into())
+    };
+    let mut images = vec![
+        ("left.png", scene.left.clone().into()),
+        ("right.png", scene.right.clone().into()),
+    ];
+    if let Some(truth) = &scene.truth {
+        images.push(("gt_left.png", disparities(&truth.left_px)?));
+        if let Some(right_px) = &truth.right_px {
+            images.push(("gt_right.png", disparities(right_px)?));
+        }
+        let masks = [
+            ("nonocc.png", &truth.nonocc),
+            ("all.png", &truth.all),
+            ("disc.png", &truth.disc),
+        ];
+        for (name, pixels) in masks {
+            if let Some(pixels) = pixels {
+                images.push((name, mask(pixels)?));
+            }
+        }
+    }
+    let mut paths = vec![folder.join("meta.toml")];
+    let mut contents = vec![toml::to_string(&meta)?.into_bytes()];
+    for (name, image) in &images {
+        paths.push(folder.join(name));
+        contents.push(encode(image, ImageFormat::Png)?);
+    }
+    make_folder(folder)?;
+    let files: Vec<_> = paths.iter().map(PathBuf::as_path).zip(contents).collect();
+    write_files(&files)
 }
 
 /// Refuses an image of another size than its scene's left view.

@@ -46,6 +46,9 @@ pub struct RenderOptions {
     pub d_max: u16,
     /// Varies textures, plants and noise; objects keep their places.
     pub seed: u64,
+    /// Contrast of the surfaces' textures, 0 to 1: at 1 as they are, at 0 bare paint under
+    /// light and shadow.
+    pub texture: f32,
     /// Standard deviation of the noise of each channel, grey levels of 255, not negative.
     pub noise: f32,
     /// Exposure of the right camera; the left one's is [`Exposure::EQUAL`].
@@ -63,6 +66,7 @@ impl Default for RenderOptions {
             height: 360,
             d_max: 47,
             seed: 1,
+            texture: 1.0,
             noise: 1.5,
             exposure: Exposure::EQUAL,
             line_offset_px: 0.0,
@@ -92,7 +96,8 @@ pub fn render(options: &RenderOptions) -> Scene {
     let finite = |value: f32, otherwise: f32| {
         if value.is_finite() { value } else { otherwise }
     };
-    let yard = Courtyard::new(width, height, d_max, options.seed);
+    let texture = finite(options.texture, RenderOptions::default().texture).clamp(0.0, 1.0);
+    let yard = Courtyard::new(width, height, d_max, options.seed, texture.into());
     let noise = finite(options.noise, RenderOptions::default().noise).max(0.0);
     let left = Sensor {
         exposure: Exposure::EQUAL,
@@ -287,6 +292,7 @@ mod tests {
         height: 180,
         d_max: 31,
         seed: 7,
+        texture: 1.0,
         noise: 0.0,
         exposure: Exposure::EQUAL,
         line_offset_px: 0.0,
@@ -549,6 +555,32 @@ mod tests {
         assert!((ratio(0..4) - 0.8).abs() < 0.02, "{}", ratio(0..4));
         assert!((ratio(88..92) - 1.0).abs() < 0.02, "{}", ratio(88..92));
         assert!(ratio(176..180) > 1.1, "{}", ratio(176..180));
+    }
+
+    #[test]
+    fn without_texture_edges_and_shadows_are_left() {
+        let steps = |texture: f32| -> Vec<u8> {
+            let scene = render(&RenderOptions { texture, ..CLEAN });
+            let grey = image::DynamicImage::from(scene.left).into_luma8();
+            let lines = grey
+                .rows()
+                .map(|line| line.map(|p| p.0[0]).collect::<Vec<u8>>());
+            let lines = lines.flat_map(|line| {
+                line.windows(2)
+                    .map(|w| w[0].abs_diff(w[1]))
+                    .collect::<Vec<_>>()
+            });
+            let mut steps: Vec<u8> = lines.collect();
+            steps.sort_unstable();
+            steps
+        };
+        let [whole, half, bare] = [1.0, 0.5, 0.0].map(steps);
+        let median = |steps: &[u8]| steps[steps.len() / 2];
+        assert!(median(&whole) >= 4, "{}", median(&whole));
+        let halved = median(&whole).div_ceil(2);
+        assert!(median(&half).abs_diff(halved) <= 1, "{}", median(&half));
+        assert_eq!(median(&bare), 0);
+        assert!(*bare.last().unwrap() > 50);
     }
 
     #[test]

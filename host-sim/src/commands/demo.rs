@@ -15,6 +15,7 @@ use vgstereo_firmware::{Session, session};
 
 use super::{kib, milliseconds, percent, table};
 use crate::camera::SimulatedCamera;
+use crate::dataset::save_scene;
 use crate::exposure::Exposure;
 use crate::files::{make_folder, write_png};
 use crate::kernels::HostKernels;
@@ -44,6 +45,9 @@ pub struct Demo {
     /// Largest disparity in the scene and in the search, px, at most half the width.
     #[arg(long, value_name = "N", default_value_t = RenderOptions::default().d_max)]
     d_max: u16,
+    /// Contrast of the surfaces' textures: 1 as they are, 0 bare paint under light and shadow.
+    #[arg(long, value_name = "X", default_value_t = RenderOptions::default().texture)]
+    texture: f32,
     /// Standard deviation of the sensors' noise, grey levels.
     #[arg(long, value_name = "X", default_value_t = RenderOptions::default().noise)]
     noise: f32,
@@ -51,6 +55,9 @@ pub struct Demo {
     exposure: Exposure,
     #[command(flatten)]
     line_offset: LineOffset,
+    /// Folder to write the scene to as well, with its truth and masks as `eval` reads them.
+    #[arg(long, value_name = "DIR")]
+    scene: Option<PathBuf>,
     /// How the two sensors share the wire.
     #[arg(long, value_enum, default_value_t = Wire::Separate)]
     layout: Wire,
@@ -129,6 +136,10 @@ impl Demo {
             "--noise must be a number from 0 on"
         );
         ensure!(
+            (0.0..=1.0).contains(&self.texture),
+            "--texture must be from 0 to 1"
+        );
+        ensure!(
             self.exposure.is_valid(),
             "--gain must be a number above 0 on every line, --gain-gradient, --offset and \
              --offset-gradient any numbers"
@@ -138,11 +149,15 @@ impl Demo {
             width: self.width,
             height: self.height,
             d_max: self.d_max,
+            texture: self.texture,
             noise: self.noise,
             exposure: self.exposure,
             line_offset_px: self.line_offset.px,
             ..RenderOptions::default()
         });
+        if let Some(folder) = &self.scene {
+            save_scene(folder, &scene)?;
+        }
         let truth = scene.truth.as_ref().context("the scene has its truth")?;
         let mut table = table(
             &[
@@ -202,6 +217,9 @@ impl Demo {
             let path = self.out.join(name);
             write_png(&path, &picture.into())?;
             writeln!(text, "wrote {}", path.display())?;
+        }
+        if let Some(folder) = &self.scene {
+            writeln!(text, "wrote the scene to {}", folder.display())?;
         }
         if let Some(preset) = Preset::ALL.last() {
             writeln!(

@@ -46,10 +46,12 @@ pub struct Courtyard {
     sun_across: [Vec3; 2],
     shadows: Grid,
     seed: u32,
+    /// Contrast of the textures, 0 to 1.
+    texture: f64,
 }
 
 impl Courtyard {
-    pub fn new(width_px: u32, height_px: u32, d_max: u16, seed: u64) -> Self {
+    pub fn new(width_px: u32, height_px: u32, d_max: u16, seed: u64, texture: f64) -> Self {
         // Both halves of the seed count.
         let seed = (seed ^ (seed >> 32)) as u32;
         let mut objects = furnish(seed);
@@ -109,6 +111,7 @@ impl Courtyard {
             sun_across,
             shadows,
             seed,
+            texture,
         }
     }
 
@@ -166,7 +169,10 @@ impl Courtyard {
             pixel,
             tint: object.tint,
         };
-        let shown = texture::colour(object.material, &place, self.seed);
+        let mut shown = texture::colour(object.material, &place, self.seed);
+        if self.texture < 1.0 {
+            shown = texture::blend(texture::paint(object.material), shown, self.texture);
+        }
         let slope = normal.dot(self.sun);
         let sun = if slope > 0.0 && !self.shaded(point + normal * CLEARANCE) {
             slope

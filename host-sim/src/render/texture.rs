@@ -82,7 +82,8 @@ fn mix(a: f64, b: f64, share: f64) -> f64 {
     a + (b - a) * share
 }
 
-fn blend(a: Colour, b: Colour, share: f64) -> Colour {
+/// `share` of `b`, the rest `a`.
+pub fn blend(a: Colour, b: Colour, share: f64) -> Colour {
     [
         mix(a[0], b[0], share),
         mix(a[1], b[1], share),
@@ -246,6 +247,24 @@ pub fn colour(material: Material, place: &Place, seed: u32) -> Colour {
             scale([0.44, 0.33, 0.23], 1.0 + 0.4 * grain)
         }
         Material::Leaf => leaf(place, seed),
+    }
+}
+
+/// A material without its texture: about the mean of its colours.
+pub fn paint(material: Material) -> Colour {
+    match material {
+        Material::Wall => [0.74, 0.58, 0.48],
+        Material::Ground => [0.60, 0.55, 0.47],
+        Material::Crate => [0.58, 0.43, 0.27],
+        Material::Marble => [0.52, 0.63, 0.60],
+        Material::Glaze => [0.66, 0.46, 0.28],
+        Material::Bark => [0.42, 0.34, 0.27],
+        Material::Tin => [0.55, 0.55, 0.45],
+        Material::Board => [0.80, 0.77, 0.69],
+        Material::Lattice => [0.86, 0.88, 0.84],
+        Material::Bamboo => [0.69, 0.64, 0.34],
+        Material::Stick => [0.44, 0.33, 0.23],
+        Material::Leaf => [0.37, 0.51, 0.18],
     }
 }
 
