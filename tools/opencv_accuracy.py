@@ -3,9 +3,11 @@
     pip install opencv-python-headless
     python3 tools/opencv_accuracy.py middlebury/{tsukuba,venus,teddy,cones}
     python3 tools/opencv_accuracy.py kitti2012/* --threshold 3
+    python3 tools/opencv_accuracy.py middlebury/teddy --gain 1.6
 
 3x3 blocks and the penalties of OpenCV's sample; holes take the smaller of the
-disparities beside them; then a 3x3 median.
+disparities beside them; then a 3x3 median. `--gain` and `--offset` change the right
+view's levels as `vgstereo exposure` does.
 """
 
 import argparse
@@ -39,11 +41,16 @@ def disparities(left, right, d_max):
     return cv2.medianBlur(found, 3)
 
 
-def bad_pixels(scene, threshold):
+def exposed(view, gain, offset):
+    return numpy.clip(numpy.rint(view * gain + offset), 0, 255).astype(numpy.uint8)
+
+
+def bad_pixels(scene, threshold, gain=1.0, offset=0.0):
     meta = tomllib.loads((scene / "meta.toml").read_text())
     read = lambda name, flag: cv2.imread(str(scene / name), flag)
-    found = disparities(read("left.png", cv2.IMREAD_GRAYSCALE),
-                        read("right.png", cv2.IMREAD_GRAYSCALE), meta["d_max"])
+    left, right = read("left.png", cv2.IMREAD_COLOR), read("right.png", cv2.IMREAD_COLOR)
+    views = [cv2.cvtColor(view, cv2.COLOR_BGR2GRAY) for view in (left, exposed(right, gain, offset))]
+    found = disparities(*views, meta["d_max"])
     truth = read("gt_left.png", cv2.IMREAD_UNCHANGED).astype(numpy.float32)
     bad = numpy.abs(found - truth / meta["gt_scale"]) > threshold
     rates = []
@@ -58,9 +65,12 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", type=pathlib.Path, nargs="+", help="folders, as for `vgstereo eval`")
     parser.add_argument("--threshold", type=float, default=1.0)
+    parser.add_argument("--gain", type=float, default=1.0, help="of the right camera")
+    parser.add_argument("--offset", type=float, default=0.0, help="its black level, grey levels")
     arguments = parser.parse_args()
     scenes = [scene for scene in arguments.scenes if (scene / "left.png").is_file()]
-    rates = [bad_pixels(scene, arguments.threshold) for scene in scenes]
+    rates = [bad_pixels(scene, arguments.threshold, arguments.gain, arguments.offset)
+             for scene in scenes]
     for scene, rate in zip(scenes, rates):
         print(f"{scene.name:12} {rate:6.2f}")
     print(f"{'average':12} {statistics.mean(rates):6.2f}")
