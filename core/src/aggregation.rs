@@ -24,7 +24,8 @@ const NO_MATCH: u32 = u32::MAX;
 /// A row of costs and the state of its aggregation.
 #[derive(Debug)]
 pub struct AggregateRow<'a> {
-    /// Matching costs, `stride` bytes per pixel; scratch afterwards. Between
+    /// Matching costs, `stride` bytes per pixel, those beyond the range
+    /// [`NO_COST`](crate::matching::NO_COST); scratch afterwards. Between
     /// [`aggregate_paths`] and [`select_row`], path costs from the left.
     pub costs: &'a mut [u8],
     /// Path costs from the right: scratch of the same size.

@@ -26,7 +26,7 @@ pub const INDEX_BITS: u32 = 6;
 /// Where the key of a disparity stands: the odd ones after the even ones, as bytes become
 /// words without a shuffle.
 #[inline]
-const fn place(index: usize) -> usize {
+pub const fn place(index: usize) -> usize {
     let index = index % MAX_STRIDE;
     index / 2 + index % 2 * (MAX_STRIDE / 2)
 }
@@ -181,26 +181,28 @@ thread_local! {
 /// takes from where it stands:
 ///
 /// - `Costs`, the bytes of [`MAX_STRIDE`] disparities, with `broadcast`, `load` (255 after
-///   the last), `store` (of as many as there is room for) and `step_path`;
+///   the last), `store` (of as many as there is room for), `are_equal` and `step_path`, which
+///   may take it that no disparity is in the last place unless it is told `FULL`;
 /// - `Keys`, as many words in the order of [`place`], with `join` (the sums of three paths
-///   with the tails of keys), `lesser`, `least_key`, and `advance`, which moves all to the
+///   with the tails of keys), `lesser`, `least_key`, `key_in` (a place), and `advance`, which moves all to the
 ///   next disparity.
 macro_rules! aggregate_in_registers {
     ($features:literal) => {
         #[target_feature(enable = $features)]
         pub fn aggregate_row(row: &mut AggregateRow<'_>) {
             match row.stride {
-                16 => aggregate_registers::<16>(row),
-                32 => aggregate_registers::<32>(row),
-                48 => aggregate_registers::<48>(row),
-                64 => aggregate_registers::<64>(row),
+                16 => aggregate_registers::<16, false>(row),
+                32 => aggregate_registers::<32, false>(row),
+                48 => aggregate_registers::<48, false>(row),
+                64 if row.disparities < 64 => aggregate_registers::<64, false>(row),
+                64 => aggregate_registers::<64, true>(row),
                 _ => aggregation::aggregate_row(row),
             }
         }
 
         /// The same for a stride of at most [`MAX_STRIDE`] that the compiler knows.
         #[target_feature(enable = $features)]
-        fn aggregate_registers<const STRIDE: usize>(row: &mut AggregateRow<'_>) {
+        fn aggregate_registers<const STRIDE: usize, const FULL: bool>(row: &mut AggregateRow<'_>) {
             let count = row.best.len();
             row.other_best.fill(u32::MAX);
             if count == 0 {
@@ -211,37 +213,68 @@ macro_rules! aggregate_in_registers {
             // path begins with.
             let beginning = broadcast(0);
 
-            // Along a path each pixel waits for the one before; two of them and the path
-            // down, which does not, fill each other's time.
             let mut scratch = FROM_LEFT.take();
             scratch.resize(scratch.len().max(count * STRIDE), 0);
-            let from_left = scratch.as_chunks_mut::<STRIDE>().0;
-            let from_right = row.from_right.as_chunks_mut::<STRIDE>().0;
-            let from_above = row.from_above.as_chunks_mut::<STRIDE>().0;
-            let costs = row.costs.as_chunks::<STRIDE>().0;
+            let from_left = &mut scratch.as_chunks_mut::<STRIDE>().0[..count];
+            let from_right = &mut row.from_right.as_chunks_mut::<STRIDE>().0[..count];
+            let from_above = &mut row.from_above.as_chunks_mut::<STRIDE>().0[..count];
+            let costs = &row.costs.as_chunks::<STRIDE>().0[..count];
+            let (p2_along, p2_down) = (&row.p2_along[..count], &row.p2_down[..count]);
             if row.is_first {
                 from_above.as_flattened_mut().fill(0);
             }
-            let rightwards = (costs.iter().zip(&mut *from_left))
-                .zip(&mut *from_above)
-                .zip(row.p2_along.iter().zip(row.p2_down));
-            let leftwards = costs.iter().zip(&mut *from_right).zip(row.p2_along).rev();
-            let (mut left, mut right) = (beginning, beginning);
+
+            // Along a path each pixel waits for the one before. Four paths and those down,
+            // which do not wait, fill each other's time: from both ends, and both ways from
+            // the middle as if the line began there.
+            let half = count / 2;
+            let second = count - half;
+            let mut paths = [beginning; 4];
             // Between a pixel and the one on its right.
-            let mut p2_right = 0;
-            for (
-                (((costs, from_left), from_above), (&p2_left, &p2_down)),
-                ((right_costs, from_right), &p2_along),
-            ) in rightwards.zip(leftwards)
-            {
-                let costs = load(costs);
-                left = step_path(left, costs, p1, broadcast(p2_left));
-                store(from_left, left);
-                right = step_path(right, load(right_costs), p1, broadcast(p2_right));
-                store(from_right, right);
-                p2_right = p2_along;
-                let down = step_path(load(from_above), costs, p1, broadcast(p2_down));
-                store(from_above, down);
+            let mut p2_right = [0; 2];
+            for x in 0..half {
+                for (path, x) in paths.iter_mut().zip([x, second + x]) {
+                    let costs = load(&costs[x]);
+                    *path = step_path::<FULL>(*path, costs, p1, broadcast(p2_along[x]));
+                    store(&mut from_left[x], *path);
+                    let above = load(&from_above[x]);
+                    let down = step_path::<FULL>(above, costs, p1, broadcast(p2_down[x]));
+                    store(&mut from_above[x], down);
+                }
+                let ends = [count - 1 - x, half - 1 - x];
+                for ((path, p2), x) in paths[2..].iter_mut().zip(&mut p2_right).zip(ends) {
+                    *path = step_path::<FULL>(*path, load(&costs[x]), p1, broadcast(*p2));
+                    store(&mut from_right[x], *path);
+                    *p2 = p2_along[x];
+                }
+            }
+            let [mut left, _, mut right, _] = paths;
+            if half < second {
+                let costs = load(&costs[half]);
+                left = step_path::<FULL>(left, costs, p1, broadcast(p2_along[half]));
+                store(&mut from_left[half], left);
+                right = step_path::<FULL>(right, costs, p1, broadcast(p2_right[0]));
+                store(&mut from_right[half], right);
+                let above = load(&from_above[half]);
+                let down = step_path::<FULL>(above, costs, p1, broadcast(p2_down[half]));
+                store(&mut from_above[half], down);
+            }
+            // Where a path from the end comes to what the one from the middle found, which
+            // hardly takes a few pixels, the rest is the same.
+            for x in second..count {
+                left = step_path::<FULL>(left, load(&costs[x]), p1, broadcast(p2_along[x]));
+                if are_equal(left, load(&from_left[x])) {
+                    break;
+                }
+                store(&mut from_left[x], left);
+            }
+            for x in (0..half).rev() {
+                let p2 = broadcast(p2_along[x + 1]);
+                right = step_path::<FULL>(right, load(&costs[x]), p1, p2);
+                if are_equal(right, load(&from_right[x])) {
+                    break;
+                }
+                store(&mut from_right[x], right);
             }
 
             let blocks = (from_left.chunks(BLOCK))
@@ -258,6 +291,7 @@ macro_rules! aggregate_in_registers {
             // reach: of the next pixel they are one further on.
             let mut others = load_keys(&[NO_KEY; MAX_STRIDE]);
             let mut others_end = count + disparities - 1;
+            let last_place = place(disparities - 1);
             let mut selected = SelectedBlock::NONE;
             for (((from_left, from_right), from_above), outputs) in blocks.zip(outputs) {
                 let pixels = from_left.iter().zip(from_right).zip(from_above);
@@ -266,7 +300,7 @@ macro_rules! aggregate_in_registers {
                     let keys = join([load(from_left), load(from_right), load(from_above)], tails);
                     others = lesser(advance(others), keys);
                     // No later pixel reaches the last.
-                    selected.others[BLOCK - 1 - lane] = key_at(&words(others), disparities - 1);
+                    selected.others[BLOCK - 1 - lane] = key_in(others, last_place);
                     selected.least[lane] = least_key(keys);
                     selected.keys[lane].0 = words(keys);
                 }

@@ -6,7 +6,7 @@ use vgstereo_core::aggregation::{self, AggregateRow};
 
 use super::aggregate::{
     BLOCK, FROM_LEFT, INDEX_BITS, MAX_STRIDE, NO_KEY, SelectedBlock, aggregate_in_registers,
-    key_at, key_tails, other_of,
+    key_at, key_tails, other_of, place,
 };
 
 /// Bytes of a register.
@@ -21,7 +21,7 @@ aggregate_in_registers!("avx2");
 /// One pixel along a path.
 #[target_feature(enable = "avx2")]
 #[inline]
-fn step_path([a, b]: Costs, costs: Costs, p1: Costs, p2: Costs) -> Costs {
+fn step_path<const FULL: bool>([a, b]: Costs, costs: Costs, p1: Costs, p2: Costs) -> Costs {
     let guard = _mm256_set1_epi8(-1);
     // The halves that the bytes shifted in come from.
     let before_a = _mm256_permute2x128_si256::<0x20>(guard, a);
@@ -107,6 +107,13 @@ fn advance([even, odd]: Keys) -> Keys {
     ]
 }
 
+/// The key that stands in a place.
+#[target_feature(enable = "avx2")]
+#[inline]
+fn key_in(keys: Keys, place: usize) -> u16 {
+    words(keys)[place % MAX_STRIDE]
+}
+
 #[target_feature(enable = "avx2")]
 #[inline]
 fn least_key([even, odd]: Keys) -> u16 {
@@ -125,6 +132,13 @@ fn least_key([even, odd]: Keys) -> u16 {
 #[inline]
 fn broadcast(cost: u8) -> Costs {
     [_mm256_set1_epi8(cost.cast_signed()); 2]
+}
+
+#[target_feature(enable = "avx2")]
+#[inline]
+fn are_equal(a: Costs, b: Costs) -> bool {
+    let differing = _mm256_or_si256(_mm256_xor_si256(a[0], b[0]), _mm256_xor_si256(a[1], b[1]));
+    _mm256_testz_si256(differing, differing) == 1
 }
 
 #[target_feature(enable = "avx2")]

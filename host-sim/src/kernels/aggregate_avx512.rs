@@ -6,7 +6,7 @@ use vgstereo_core::aggregation::{self, AggregateRow};
 
 use super::aggregate::{
     BLOCK, FROM_LEFT, INDEX_BITS, MAX_STRIDE, NO_KEY, SelectedBlock, aggregate_in_registers,
-    key_at, key_tails, other_of,
+    key_at, key_tails, other_of, place,
 };
 
 type Costs = __m512i;
@@ -41,11 +41,14 @@ const fn guard_at(place: usize) -> [u8; MAX_STRIDE] {
 /// One pixel along a path.
 #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi")]
 #[inline]
-fn step_path(previous: Costs, costs: Costs, p1: Costs, p2: Costs) -> Costs {
-    let below = _mm512_permutexvar_epi8(load(&BELOW), previous);
-    let above = _mm512_permutexvar_epi8(load(&ABOVE), previous);
-    let below = _mm512_or_si512(below, load(&FIRST));
-    let above = _mm512_or_si512(above, load(&LAST));
+fn step_path<const FULL: bool>(previous: Costs, costs: Costs, p1: Costs, p2: Costs) -> Costs {
+    let mut below = _mm512_permutexvar_epi8(load(&BELOW), previous);
+    let mut above = _mm512_permutexvar_epi8(load(&ABOVE), previous);
+    // Unless the register is full, its last place is a guard to both sides.
+    if FULL {
+        below = _mm512_or_si512(below, load(&FIRST));
+        above = _mm512_or_si512(above, load(&LAST));
+    }
     let step = _mm512_adds_epu8(_mm512_min_epu8(below, above), p1);
     // No path cost is below the least.
     let onward = _mm512_sub_epi8(_mm512_min_epu8(previous, step), least_cost(previous));
@@ -99,6 +102,15 @@ fn advance([even, odd]: Keys) -> Keys {
     [_mm512_or_si512(before, first), even]
 }
 
+/// The key that stands in a place.
+#[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi")]
+#[inline]
+fn key_in([even, odd]: Keys, place: usize) -> u16 {
+    let place = _mm512_set1_epi16(place as i16);
+    let keys = _mm512_permutex2var_epi16(even, place, odd);
+    _mm512_cvtsi512_si32(keys) as u16
+}
+
 #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi")]
 #[inline]
 fn least_key(keys: Keys) -> u16 {
@@ -115,6 +127,12 @@ fn least_key(keys: Keys) -> u16 {
 #[inline]
 fn broadcast(cost: u8) -> Costs {
     _mm512_set1_epi8(cost.cast_signed())
+}
+
+#[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi")]
+#[inline]
+fn are_equal(a: Costs, b: Costs) -> bool {
+    _mm512_cmpneq_epi8_mask(a, b) == 0
 }
 
 /// Ones for the bytes of a register that a slice has.
