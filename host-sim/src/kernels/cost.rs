@@ -51,16 +51,50 @@ pub fn beyond(inside: usize) -> &'static [u8] {
     &RAMP[MAX_LANES - inside.min(MAX_LANES)..]
 }
 
+/// Sums of differences that are told apart: what is larger costs the same.
+pub const SUMS: usize = 128;
+
+/// Whether the sums of differences of levels may be cut off at [`SUMS`].
+pub fn is_truncated(row: &CostRun<'_>) -> bool {
+    row.difference_weight_q4 == 0
+        || mean_of(row, SUMS as u16 - 1) >= u16::from(row.difference_truncation)
+}
+
+/// By the sum of the differences of levels, their cost. Inlined so that it is compiled for
+/// the caller's instruction set.
+#[inline(always)]
+pub fn difference_costs(row: &CostRun<'_>) -> [u8; SUMS] {
+    let mut costs = [0; SUMS];
+    for (cost, sum) in costs.iter_mut().zip(0..) {
+        let mean = mean_of(row, sum).min(row.difference_truncation.into());
+        // The configuration bounds it to 8 bits.
+        *cost = ((mean * u16::from(row.difference_weight_q4)) >> 4) as u8;
+    }
+    costs
+}
+
+/// The mean of the channels' differences, as core has it.
+#[inline(always)]
+fn mean_of(row: &CostRun<'_>, sum: u16) -> u16 {
+    if row.channels == 1 {
+        sum
+    } else {
+        (sum * 85) >> 8
+    }
+}
+
 /// Defines `cost_run`, the same as core's, and that itself where a row is too short for the
-/// run.
+/// run or differences of levels are hardly truncated.
 ///
 /// A macro because a function cannot be compiled for the instruction set of its caller. It
 /// takes from where it stands `Register` with its `LANES` of bytes, half as many words, and
-/// operations on both; `unpack_low` and `unpack_high` make two registers of words of bytes
-/// and zeros, which `pack` puts back in order; `load` and `store` move the first `lanes`
-/// bytes, and the others mean nothing. And `Patterns`, made of a run that [`is_inside`],
-/// whose `differing_cells` tells how many cells of pixel `x` of the run differ from those of
-/// its disparities from `start` on: `REGISTERS` times the two registers of words.
+/// operations on both; `load` and `store` move the first `lanes` bytes, and the others mean
+/// nothing; `lanes_from` moves those from a place on to the front. And `Patterns`, made of a
+/// run that [`is_inside`], whose `differing_cells` tells how many cells of `GROUP` pixels from
+/// `x` of the run differ from those of the last one's disparities from `start` on: `REGISTERS`
+/// times, for each, two registers of words, which `pack` makes bytes in order. And
+/// `Differences`, made of a run that [`is_truncated`], whose `costs` are those of sums of
+/// differences of levels, bytes cut off at 255.
 macro_rules! cost_in_registers {
     ($features:literal) => {
         /// See [`super::cost`].
@@ -71,7 +105,8 @@ macro_rules! cost_in_registers {
                 0 => 0,
                 _ => row.channels,
             };
-            match (is_inside(row, costs.len()), masked, channels) {
+            let is_for_registers = is_inside(row, costs.len()) && is_truncated(row);
+            match (is_for_registers, masked, channels) {
                 (true, false, 0) => cost_registers::<false, 0>(row, costs),
                 (true, false, 1) => cost_registers::<false, 1>(row, costs),
                 (true, false, 3) => cost_registers::<false, 3>(row, costs),
@@ -82,25 +117,43 @@ macro_rules! cost_in_registers {
             }
         }
 
-        /// The same, two registers at a time where there are as many disparities: what is
-        /// the same for all of them is read once.
+        /// The same, two registers at a time where there are as many disparities, or [`GROUP`]
+        /// pixels where a register has room for what all of them look at: what is the same
+        /// for all of them is read once.
         #[target_feature(enable = $features)]
         fn cost_registers<const MASKED: bool, const CHANNELS: usize>(
             row: &CostRun<'_>,
             costs: &mut [u8],
         ) {
-            if cost_stride(row.disparities) >= 2 * LANES {
-                cost_pixels::<MASKED, CHANNELS, 2>(row, costs);
-            } else {
-                cost_pixels::<MASKED, CHANNELS, 1>(row, costs);
+            let stride = cost_stride(row.disparities);
+            let patterns = &Patterns::new(row);
+            if stride >= 2 * LANES {
+                cost_pixels::<MASKED, CHANNELS, 2, 1>(row, patterns, 0, costs);
+                return;
             }
+            let mut grouped = 0;
+            if row.disparities + GROUP - 1 <= stride.min(LANES) {
+                grouped = row.cell_costs_q8.len() / GROUP * GROUP;
+            }
+            let (costs, rest) = costs.split_at_mut(grouped * stride);
+            cost_pixels::<MASKED, CHANNELS, 1, GROUP>(row, patterns, 0, costs);
+            cost_pixels::<MASKED, CHANNELS, 1, 1>(row, patterns, grouped, rest);
         }
 
-        /// The costs of a run that [`is_inside`], with its masks and channels of levels.
+        /// The costs of pixels from `first` on of a run that [`is_inside`], with its masks
+        /// and channels of levels. Registers stand for what the last of a group looks at:
+        /// for the one before a place further on.
         #[target_feature(enable = $features)]
         #[inline]
-        fn cost_pixels<const MASKED: bool, const CHANNELS: usize, const REGISTERS: usize>(
+        fn cost_pixels<
+            const MASKED: bool,
+            const CHANNELS: usize,
+            const REGISTERS: usize,
+            const GROUP: usize,
+        >(
             row: &CostRun<'_>,
+            patterns: &Patterns,
+            first: usize,
             costs: &mut [u8],
         ) {
             let stride = cost_stride(row.disparities);
@@ -110,76 +163,59 @@ macro_rules! cost_in_registers {
                 stride.min(LANES)
             };
             let block = REGISTERS * lanes;
-            let hamming_truncation = broadcast_word(row.hamming_truncation.into());
-            let difference_truncation = broadcast_word(row.difference_truncation.into());
-            let weight_q4 = broadcast_word(row.difference_weight_q4.into());
+            let hamming_truncation = broadcast_byte(row.hamming_truncation.cast_signed());
             let half = broadcast_word(128);
-            let third_q8 = broadcast_word(85);
-            let patterns = Patterns::new(row);
-            let pixels = costs.chunks_exact_mut(stride).zip(row.cell_costs_q8);
-            for (x, (costs, &cell_cost_q8)) in pixels.enumerate() {
-                let cell_cost_q8 = broadcast_word(cell_cost_q8.cast_signed());
-                let mut own = [zero(); MAX_CHANNELS];
-                for (own, levels) in own.iter_mut().zip(row.levels).take(CHANNELS) {
-                    *own = broadcast_byte(levels[row.start + x].cast_signed());
-                }
+            let differences = Differences::new(row);
+            let cell_costs_q8 = row.cell_costs_q8[first..].as_chunks::<GROUP>().0;
+            let groups = costs.chunks_exact_mut(GROUP * stride).zip(cell_costs_q8);
+            for ((costs, cell_costs_q8), x) in groups.zip((first..).step_by(GROUP)) {
                 for start in (0..stride).step_by(block) {
                     // The last block overlaps the one before rather than leave a rest.
                     let start = start.min(stride - block);
-                    let cells = patterns.differing_cells::<MASKED, REGISTERS>(x, start, lanes);
-                    for (cells, index) in cells.into_iter().zip(0..) {
+                    let cells =
+                        patterns.differing_cells::<MASKED, REGISTERS, GROUP>(x, start, lanes);
+                    for (index, cells) in cells.into_iter().enumerate() {
                         let start = start + index * lanes;
-                        let mut cost = cells;
-                        for cost in &mut cost {
-                            let exact_q8 = multiply(*cost, cell_cost_q8);
-                            let rounded = shift_right::<8>(add_words(exact_q8, half));
-                            *cost = least_words(rounded, hamming_truncation);
+                        let at = row.first_position + 1 - GROUP - x + start;
+                        let mut others = [[zero(); 2]; CHANNELS];
+                        let rows = row.other_low.iter().zip(row.other_high);
+                        for (other, (low, high)) in others.iter_mut().zip(rows) {
+                            // SAFETY: `is_inside` has shown that all lanes are there.
+                            *other = unsafe { [load(low, at, lanes), load(high, at, lanes)] };
                         }
-                        if CHANNELS > 0 {
-                            let mut differences = [zero(); 2];
-                            let others = row.other_low.iter().zip(row.other_high);
-                            for (&own, (low, high)) in own.iter().zip(others).take(CHANNELS) {
-                                let at = row.first_position - x + start;
-                                // SAFETY: `is_inside` has shown that all lanes are there.
-                                let (low, high) =
-                                    unsafe { (load(low, at, lanes), load(high, at, lanes)) };
-                                // One of the two is 0.
-                                let difference = or(
-                                    subtract_saturating(own, high),
-                                    subtract_saturating(low, own),
-                                );
-                                differences = widen_add(differences, difference);
+                        for (pixel, cells) in cells.into_iter().enumerate() {
+                            let cell_cost_q8 = broadcast_word(cell_costs_q8[pixel].cast_signed());
+                            let [low, high] = cells.map(|cells| {
+                                let exact_q8 = multiply(cells, cell_cost_q8);
+                                shift_right::<8>(add_words(exact_q8, half))
+                            });
+                            let mut cost = least_bytes(pack(low, high), hamming_truncation);
+                            if CHANNELS > 0 {
+                                let mut sum = zero();
+                                for ([low, high], levels) in others.into_iter().zip(row.levels) {
+                                    let own = levels[row.start + x + pixel].cast_signed();
+                                    let own = broadcast_byte(own);
+                                    // One of the two is 0.
+                                    let difference = or(
+                                        subtract_saturating(own, high),
+                                        subtract_saturating(low, own),
+                                    );
+                                    sum = add_saturating(sum, difference);
+                                }
+                                cost = add_saturating(cost, differences.costs(sum));
                             }
-                            for (cost, difference) in cost.iter_mut().zip(differences) {
-                                let mean = match CHANNELS {
-                                    1 => difference,
-                                    _ => shift_right::<8>(multiply(difference, third_q8)),
-                                };
-                                let mean = least_words(mean, difference_truncation);
-                                let weighted = shift_right::<4>(multiply(mean, weight_q4));
-                                *cost = add_words(*cost, weighted);
+                            cost = lanes_from(cost, GROUP - 1 - pixel);
+                            if start + lanes > row.disparities {
+                                let inside = row.disparities.saturating_sub(start);
+                                // SAFETY: there are as many bytes as a register has.
+                                cost = or(cost, unsafe { load(beyond(inside), 0, lanes) });
                             }
+                            let at = pixel * stride + start;
+                            store(&mut costs[at..at + lanes], cost);
                         }
-                        let mut cost = pack(cost[0], cost[1]);
-                        if start + lanes > row.disparities {
-                            let inside = row.disparities.saturating_sub(start);
-                            // SAFETY: there are as many bytes as a register has.
-                            cost = or(cost, unsafe { load(beyond(inside), 0, lanes) });
-                        }
-                        store(&mut costs[start..start + lanes], cost);
                     }
                 }
             }
-        }
-
-        /// Adds bytes to words.
-        #[target_feature(enable = $features)]
-        #[inline]
-        fn widen_add([low, high]: [Register; 2], bytes: Register) -> [Register; 2] {
-            [
-                add_words(low, unpack_low(bytes, zero())),
-                add_words(high, unpack_high(bytes, zero())),
-            ]
         }
     };
 }

@@ -2,8 +2,9 @@
 
 use std::arch::x86_64::{
     __m256i as Register, _mm_loadu_si128, _mm_storeu_si128, _mm256_add_epi8 as add_bytes,
-    _mm256_add_epi16 as add_words, _mm256_and_si256 as and, _mm256_castsi128_si256,
-    _mm256_castsi256_si128, _mm256_loadu_si256, _mm256_min_epu16 as least_words,
+    _mm256_add_epi16 as add_words, _mm256_adds_epu8 as add_saturating, _mm256_and_si256 as and,
+    _mm256_castsi128_si256, _mm256_castsi256_si128, _mm256_loadu_si256,
+    _mm256_min_epu8 as least_bytes, _mm256_min_epu16 as least_words,
     _mm256_mullo_epi16 as multiply, _mm256_or_si256 as or, _mm256_packus_epi16 as pack,
     _mm256_set1_epi8 as broadcast_byte, _mm256_set1_epi16 as broadcast_word, _mm256_setr_epi8,
     _mm256_setzero_si256 as zero, _mm256_shuffle_epi8, _mm256_srli_epi16 as shift_right,
@@ -12,12 +13,15 @@ use std::arch::x86_64::{
     _mm256_xor_si256 as xor,
 };
 
-use vgstereo_core::matching::{self, CostRun, MAX_CHANNELS, cost_stride};
+use vgstereo_core::matching::{self, CostRun, cost_stride};
 
-use super::cost::{beyond, cost_in_registers, is_inside};
+use super::cost::{beyond, cost_in_registers, is_inside, is_truncated};
 
 /// Disparities side by side; there are half as many where there are no more.
 const LANES: usize = 32;
+
+/// Pixels at a time: that more of them look at the same makes no difference here.
+const GROUP: usize = 1;
 
 /// Planes whose differing cells are summed in 8 bits: at most 31 * 8 of them.
 const PLANES_PER_SUM: usize = 31;
@@ -34,12 +38,13 @@ impl<'a> Patterns<'a> {
 
     #[target_feature(enable = "avx2")]
     #[inline]
-    fn differing_cells<const MASKED: bool, const REGISTERS: usize>(
+    fn differing_cells<const MASKED: bool, const REGISTERS: usize, const GROUP: usize>(
         &self,
         x: usize,
         start: usize,
         lanes: usize,
-    ) -> [[Register; 2]; REGISTERS] {
+    ) -> [[[Register; 2]; GROUP]; REGISTERS] {
+        const { assert!(GROUP == 1) };
         let row = self.0;
         let position = row.first_position - x + start;
         let mut totals = [[zero(); 2]; REGISTERS];
@@ -77,8 +82,55 @@ impl<'a> Patterns<'a> {
             }
             plane = end;
         }
-        totals
+        totals.map(|total| [total; GROUP])
     }
+}
+
+/// What differences of levels cost.
+struct Differences {
+    mean_q8: Register,
+    truncation: Register,
+    weight_q4: Register,
+}
+
+impl Differences {
+    #[target_feature(enable = "avx2")]
+    fn new(row: &CostRun<'_>) -> Self {
+        let mean_q8 = if row.channels == 1 { 256 } else { 85 };
+        Self {
+            mean_q8: broadcast_word(mean_q8),
+            truncation: broadcast_word(row.difference_truncation.into()),
+            weight_q4: broadcast_word(row.difference_weight_q4.into()),
+        }
+    }
+
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    fn costs(&self, sums: Register) -> Register {
+        let cost = |sum| {
+            let mean = shift_right::<8>(multiply(sum, self.mean_q8));
+            shift_right::<4>(multiply(least_words(mean, self.truncation), self.weight_q4))
+        };
+        pack(
+            cost(unpack_low(sums, zero())),
+            cost(unpack_high(sums, zero())),
+        )
+    }
+}
+
+/// The lanes from the first on, where a group is one pixel.
+fn lanes_from(register: Register, _place: usize) -> Register {
+    register
+}
+
+/// Adds bytes to words.
+#[target_feature(enable = "avx2")]
+#[inline]
+fn widen_add([low, high]: [Register; 2], bytes: Register) -> [Register; 2] {
+    [
+        add_words(low, unpack_low(bytes, zero())),
+        add_words(high, unpack_high(bytes, zero())),
+    ]
 }
 
 /// Ones of each byte, by looking up its halves.

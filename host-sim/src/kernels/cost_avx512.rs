@@ -1,32 +1,36 @@
 //! Matching costs in AVX-512.
 
 use std::arch::x86_64::{
-    __m512i as Register, _mm512_add_epi16 as add_words, _mm512_add_epi32 as add_doubles,
-    _mm512_and_si512 as and, _mm512_loadu_si512, _mm512_mask_storeu_epi8, _mm512_maskz_loadu_epi8,
-    _mm512_min_epu16 as least_words, _mm512_mullo_epi16 as multiply, _mm512_or_si512 as or,
-    _mm512_packus_epi16 as pack, _mm512_packus_epi32, _mm512_permutex2var_epi64,
-    _mm512_popcnt_epi32 as popcount, _mm512_set1_epi8 as broadcast_byte,
-    _mm512_set1_epi16 as broadcast_word, _mm512_set1_epi32 as broadcast_double, _mm512_setr_epi64,
-    _mm512_setzero_si512 as zero, _mm512_srli_epi16 as shift_right,
-    _mm512_subs_epu8 as subtract_saturating, _mm512_unpackhi_epi8 as unpack_high,
-    _mm512_unpacklo_epi8 as unpack_low, _mm512_xor_si512 as xor,
+    __m512i as Register, _mm_loadu_si128, _mm512_add_epi16 as add_words,
+    _mm512_add_epi32 as add_doubles, _mm512_adds_epu8 as add_saturating, _mm512_and_si512 as and,
+    _mm512_castsi128_si512, _mm512_inserti32x4, _mm512_loadu_si512, _mm512_mask_storeu_epi8,
+    _mm512_maskz_loadu_epi8, _mm512_min_epu8 as least_bytes, _mm512_mullo_epi16 as multiply,
+    _mm512_or_si512 as or, _mm512_packus_epi16, _mm512_packus_epi32, _mm512_permutex2var_epi8,
+    _mm512_permutexvar_epi8, _mm512_permutexvar_epi32, _mm512_popcnt_epi32 as popcount,
+    _mm512_set1_epi8 as broadcast_byte, _mm512_set1_epi16 as broadcast_word,
+    _mm512_set1_epi32 as broadcast_double, _mm512_setr_epi32, _mm512_setzero_si512 as zero,
+    _mm512_srli_epi16 as shift_right, _mm512_storeu_si512, _mm512_subs_epu8 as subtract_saturating,
+    _mm512_xor_si512 as xor,
 };
 use std::cell::Cell;
 
-use vgstereo_core::matching::{self, CostRun, MAX_CHANNELS, cost_stride};
+use vgstereo_core::matching::{self, CostRun, cost_stride};
 use vgstereo_core::minchinton::Planes;
 
-use super::cost::{beyond, cost_in_registers, is_inside};
+use super::cost::{SUMS, beyond, cost_in_registers, difference_costs, is_inside, is_truncated};
 
 /// Disparities side by side.
 const LANES: usize = 64;
+
+/// Pixels at a time: the patterns that they look at are loads across cache lines.
+const GROUP: usize = 4;
 
 /// Planes of a pattern in a double word.
 const PLANES: usize = 4;
 /// Double words of a register.
 const DOUBLES: usize = LANES / PLANES;
 
-cost_in_registers!("avx512f,avx512bw,avx512vl,avx512vpopcntdq");
+cost_in_registers!("avx512f,avx512bw,avx512vl,avx512vbmi,avx512vpopcntdq");
 
 thread_local! {
     /// Scratch of a thread: the patterns of a run.
@@ -46,7 +50,7 @@ struct Patterns {
 }
 
 impl Patterns {
-    #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vpopcntdq")]
+    #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi,avx512vpopcntdq")]
     fn new(row: &CostRun<'_>) -> Self {
         let pixels = row.cell_costs_q8.len();
         let count = row.inputs.count.div_ceil(PLANES);
@@ -75,50 +79,74 @@ impl Patterns {
         }
     }
 
-    #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vpopcntdq")]
+    #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi,avx512vpopcntdq")]
     #[inline]
-    fn differing_cells<const MASKED: bool, const REGISTERS: usize>(
+    fn differing_cells<const MASKED: bool, const REGISTERS: usize, const GROUP: usize>(
         &self,
         x: usize,
         start: usize,
         _lanes: usize,
-    ) -> [[Register; 2]; REGISTERS] {
-        let mut sums = [[zero(); PLANES]; REGISTERS];
+    ) -> [[[Register; 2]; GROUP]; REGISTERS] {
+        let mut sums = [[[zero(); PLANES]; GROUP]; REGISTERS];
         let inputs = self.count * self.positions;
         let masks = inputs + self.count * self.pixels;
-        let first = self.pixels - 1 - x + start;
+        let first = self.pixels - GROUP - x + start;
         for quad in 0..self.count {
             let at = quad * self.pixels + x;
-            // SAFETY: the run has pixel `x`.
-            let [input, mask] = [inputs, masks]
-                .map(|start| unsafe { *self.doubles.get_unchecked(start + at) })
-                .map(|double| broadcast_double(double.cast_signed()));
+            let mut own = [[zero(); 2]; GROUP];
+            for (own, pixel) in own.iter_mut().zip(0..) {
+                for (own, start) in own.iter_mut().zip([inputs, masks]) {
+                    // SAFETY: the run has `GROUP` pixels from `x` on.
+                    let double = unsafe { *self.doubles.get_unchecked(start + at + pixel) };
+                    *own = broadcast_double(double.cast_signed());
+                }
+            }
             let at = quad * self.positions + first;
             for (register, sums) in sums.iter_mut().enumerate() {
-                for (part, sum) in sums.iter_mut().enumerate() {
+                for part in 0..PLANES {
                     let at = at + register * LANES + part * DOUBLES;
                     // SAFETY: there are as many as registers need for every pixel.
                     let stored =
                         unsafe { _mm512_loadu_si512(self.doubles.as_ptr().add(at).cast()) };
-                    let mut differing = xor(input, stored);
-                    if MASKED {
-                        differing = and(differing, mask);
+                    for (sums, [input, mask]) in sums.iter_mut().zip(own) {
+                        let mut differing = xor(input, stored);
+                        if MASKED {
+                            differing = and(differing, mask);
+                        }
+                        sums[part] = add_doubles(sums[part], popcount(differing));
                     }
-                    *sum = add_doubles(*sum, popcount(differing));
                 }
             }
         }
-        sums.map(|[a, b, c, d]| {
-            let (low, high) = (_mm512_packus_epi32(a, b), _mm512_packus_epi32(c, d));
-            // Four words of each in turn; back in the order in which bytes are unpacked.
-            let first = _mm512_setr_epi64(0, 2, 1, 3, 8, 10, 9, 11);
-            let second = _mm512_setr_epi64(4, 6, 5, 7, 12, 14, 13, 15);
-            [
-                _mm512_permutex2var_epi64(low, first, high),
-                _mm512_permutex2var_epi64(low, second, high),
-            ]
-        })
+        let mut words = [[[zero(); 2]; GROUP]; REGISTERS];
+        for (words, sums) in words.iter_mut().zip(sums) {
+            for (words, [a, b, c, d]) in words.iter_mut().zip(sums) {
+                *words = [_mm512_packus_epi32(a, b), _mm512_packus_epi32(c, d)];
+            }
+        }
+        words
     }
+}
+
+/// The lanes from a place on, round the end.
+#[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi,avx512vpopcntdq")]
+#[inline]
+fn lanes_from(register: Register, place: usize) -> Register {
+    if place == 0 {
+        return register;
+    }
+    static PLACES: [u8; 2 * LANES] = {
+        let mut places = [0; 2 * LANES];
+        let mut place = 0;
+        while place < places.len() {
+            places[place] = (place % LANES) as u8;
+            place += 1;
+        }
+        places
+    };
+    // SAFETY: there are as many bytes as a register has.
+    let places = unsafe { load(&PLACES, place % LANES, LANES) };
+    _mm512_permutexvar_epi8(places, register)
 }
 
 impl Drop for Patterns {
@@ -127,29 +155,114 @@ impl Drop for Patterns {
     }
 }
 
-/// Four planes from number `PLANES * quad` on, those that are there, from position `first`
-/// on.
-#[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vpopcntdq")]
+/// Four planes from number `PLANES * quad` on, zeros for those that are not there, from
+/// position `first` on. Nothing where none is there.
+#[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi,avx512vpopcntdq")]
 #[inline]
 fn put_side_by_side(planes: Planes<'_>, quad: usize, first: usize, doubles: &mut [u32]) {
-    let row = |plane: usize| {
-        let at = (PLANES * quad + plane) * planes.stride + first;
-        &planes.bytes[at..at + doubles.len()]
+    let count = planes.count.saturating_sub(PLANES * quad).min(PLANES);
+    let Some(last) = count.checked_sub(1) else {
+        return;
     };
-    if PLANES * quad + PLANES <= planes.count {
-        let rows = row(0).iter().zip(row(1)).zip(row(2)).zip(row(3));
+    let length = doubles.len();
+    let row = |plane: usize| {
+        let at = (PLANES * quad + plane.min(last)) * planes.stride + first;
+        &planes.bytes[at..at + length]
+    };
+    let (a, b, c, d) = (row(0), row(1), row(2), row(3));
+    let there = u32::MAX >> (8 * (PLANES - count));
+    if length < DOUBLES {
+        let rows = a.iter().zip(b).zip(c).zip(d);
         for (double, (((&a, &b), &c), &d)) in doubles.iter_mut().zip(rows) {
-            *double = u32::from_le_bytes([a, b, c, d]);
+            *double = u32::from_le_bytes([a, b, c, d]) & there;
         }
         return;
     }
-    doubles.fill(0);
-    for plane in 0..planes.count.saturating_sub(PLANES * quad) {
-        let at = (PLANES * quad + plane) * planes.stride + first;
-        for (double, &byte) in doubles.iter_mut().zip(&planes.bytes[at..]) {
-            *double |= u32::from(byte) << (8 * plane);
-        }
+    let there = broadcast_double(there.cast_signed());
+    // The last block overlaps the one before rather than leave a rest.
+    if let (Some(a), Some(b), Some(c), Some(d)) = (
+        a.last_chunk(),
+        b.last_chunk(),
+        c.last_chunk(),
+        d.last_chunk(),
+    ) && let Some(doubles) = doubles.last_chunk_mut()
+    {
+        put_block([a, b, c, d], there, doubles);
     }
+    let (a, b, c, d) = (
+        a.as_chunks().0,
+        b.as_chunks().0,
+        c.as_chunks().0,
+        d.as_chunks().0,
+    );
+    let blocks = a.iter().zip(b).zip(c).zip(d);
+    for (doubles, (((a, b), c), d)) in doubles.as_chunks_mut().0.iter_mut().zip(blocks) {
+        put_block([a, b, c, d], there, doubles);
+    }
+}
+
+#[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi,avx512vpopcntdq")]
+#[inline]
+fn put_block(
+    [a, b, c, d]: [&[u8; DOUBLES]; PLANES],
+    there: Register,
+    doubles: &mut [u32; DOUBLES],
+) {
+    let turned = _mm512_setr_epi32(
+        0x3020_1000,
+        0x3121_1101,
+        0x3222_1202,
+        0x3323_1303, //
+        0x3424_1404,
+        0x3525_1505,
+        0x3626_1606,
+        0x3727_1707, //
+        0x3828_1808,
+        0x3929_1909,
+        0x3a2a_1a0a,
+        0x3b2b_1b0b, //
+        0x3c2c_1c0c,
+        0x3d2d_1d0d,
+        0x3e2e_1e0e,
+        0x3f2f_1f0f,
+    );
+    // SAFETY: each array has a register's 16 bytes; loads need no alignment.
+    let [a, b, c, d] = [a, b, c, d].map(|row| unsafe { _mm_loadu_si128(row.as_ptr().cast()) });
+    let bytes = _mm512_inserti32x4::<1>(_mm512_castsi128_si512(a), b);
+    let bytes = _mm512_inserti32x4::<2>(bytes, c);
+    let bytes = _mm512_inserti32x4::<3>(bytes, d);
+    let bytes = and(_mm512_permutexvar_epi8(turned, bytes), there);
+    // SAFETY: the array has the register's 64 bytes; the store needs no alignment.
+    unsafe { _mm512_storeu_si512(doubles.as_mut_ptr().cast(), bytes) };
+}
+
+/// What differences of levels cost, by their sum: the lower half and the upper one.
+struct Differences([Register; 2]);
+
+impl Differences {
+    #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi,avx512vpopcntdq")]
+    #[inline]
+    fn new(row: &CostRun<'_>) -> Self {
+        let costs = difference_costs(row);
+        // SAFETY: both registers are within the table.
+        Self([0, LANES].map(|start| unsafe { load(&costs, start, LANES) }))
+    }
+
+    #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi,avx512vpopcntdq")]
+    #[inline]
+    fn costs(&self, sums: Register) -> Register {
+        let sums = least_bytes(sums, broadcast_byte((SUMS - 1) as i8));
+        _mm512_permutex2var_epi8(self.0[0], sums, self.0[1])
+    }
+}
+
+/// Words as bytes, at most 255, in the order of the disparities: `low` has each quarter of the
+/// first 16 of them before one of the second 16, `high` the others likewise.
+#[target_feature(enable = "avx512f,avx512bw")]
+#[inline]
+fn pack(low: Register, high: Register) -> Register {
+    let order = _mm512_setr_epi32(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15);
+    _mm512_permutexvar_epi32(order, _mm512_packus_epi16(low, high))
 }
 
 /// Ones for the first lanes; there is at least one.
