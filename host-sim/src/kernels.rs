@@ -86,6 +86,8 @@ mod cost_avx512;
 #[cfg(target_arch = "x86_64")]
 mod mask_avx2;
 #[cfg(target_arch = "x86_64")]
+mod mask_avx512;
+#[cfg(target_arch = "x86_64")]
 mod median;
 #[cfg(target_arch = "x86_64")]
 mod median_avx2;
@@ -94,7 +96,7 @@ mod median_avx512;
 
 #[cfg(target_arch = "x86_64")]
 macro_rules! compiled_for {
-    ($module:ident, $features:literal, $cost_run:path, $aggregate_row:path, $weighted_median_row:path) => {
+    ($module:ident, $features:literal, $mask_block:path, $cost_run:path, $aggregate_row:path, $weighted_median_row:path) => {
         mod $module {
             use vgstereo_core::aggregation::AggregateRow;
             use vgstereo_core::camera::PixelFormat;
@@ -135,7 +137,7 @@ macro_rules! compiled_for {
 
             #[target_feature(enable = $features)]
             pub fn mask_block(block: &mut MaskBlock<'_>) {
-                super::mask_avx2::mask_block(block);
+                $mask_block(block);
             }
 
             #[target_feature(enable = $features)]
@@ -183,6 +185,7 @@ macro_rules! compiled_for {
 compiled_for!(
     avx2,
     "avx2,popcnt",
+    super::mask_avx2::mask_block,
     super::cost_avx2::cost_run,
     super::aggregate_avx2::aggregate_row,
     super::median_avx2::weighted_median_row
@@ -191,6 +194,7 @@ compiled_for!(
 compiled_for!(
     avx512,
     "avx512f,avx512bw,avx512vl,avx512vbmi,avx512vpopcntdq,popcnt",
+    super::mask_avx512::mask_block,
     super::cost_avx512::cost_run,
     super::aggregate_avx512::aggregate_row,
     super::median_avx512::weighted_median_row

@@ -56,7 +56,7 @@ pub fn mask_block(block: &mut MaskBlock<'_>) {
 
 /// Whether every level that the block looks at is there.
 #[inline(always)]
-fn is_inside(block: &MaskBlock<'_>) -> bool {
+pub fn is_inside(block: &MaskBlock<'_>) -> bool {
     let last = block.starts.iter().fold(0, |last, &start| last.max(start));
     let end = block.centre.max(last as usize + block.first) + MASK_LANES;
     let mut levels = block.levels.iter().take(block.channels);
