@@ -112,17 +112,32 @@ macro_rules! median_in_registers {
                 let middle = add(and(low, high), shift_right_signed::<1>(xor(low, high)));
                 // Where the search is open, this does not overflow.
                 let next = add(middle, broadcast(1));
-                let mut below = broadcast(0);
-                for tap in taps {
-                    let counts = is_greater(next, load_words(&tap.values));
-                    below = add(below, keep(counts, load_words(&tap.weights)));
+                // In four parts, so that not each waits for the one before.
+                let mut parts = [broadcast(0); 4];
+                let (groups, rest) = taps.as_chunks::<4>();
+                for group in groups {
+                    for (part, tap) in parts.iter_mut().zip(group) {
+                        *part = add(*part, weight_below(tap, next));
+                    }
                 }
+                for (part, tap) in parts.iter_mut().zip(rest) {
+                    *part = add(*part, weight_below(tap, next));
+                }
+                let below = add(add(parts[0], parts[1]), add(parts[2], parts[3]));
                 let is_below = at_least_unsigned(below, subtract(totals, below));
                 high = select(is_open, select(is_below, middle, high), high);
                 low = select(is_open, select(is_below, low, next), low);
             }
             let is_unknown = is_equal(totals, broadcast(0));
             store_words(output, select(is_unknown, invalid, low));
+        }
+
+        /// The weights of a tap where its value is less than another.
+        #[target_feature(enable = $features)]
+        #[inline]
+        fn weight_below(tap: &Tap<LANES>, value: Words) -> Words {
+            let counts = is_greater(value, load_words(&tap.values));
+            keep(counts, load_words(&tap.weights))
         }
 
         /// The first words; all 0 where there are fewer than a register has.
