@@ -74,16 +74,24 @@ macro_rules! median_in_registers {
             let mut low = broadcast(i16::MAX);
             let mut high = broadcast(i16::MIN);
             let mut count = 0;
-            let mut places = row.places.iter();
-            for index in 0..row.rows {
-                let values = row.values[index][run.clone()].windows(LANES);
-                let levels =
-                    |channel: usize| row.levels[channel][index][run.clone()].windows(LANES);
-                let pixels = values.zip(levels(a)).zip(levels(b)).zip(levels(c));
-                for ((((values, a), b), c), &place) in pixels.step_by(2).zip(places.by_ref()) {
-                    let values = load_words(values);
+            let columns = row.tap_columns().len();
+            let rows = row.places.chunks_exact(columns).take(row.rows);
+            for (index, places) in rows.enumerate() {
+                let values = &row.values[index][run.clone()];
+                let levels = |channel: usize| &row.levels[channel][index][run.clone()];
+                let levels = [levels(a), levels(b), levels(c)];
+                for (&place, column) in places.iter().zip((0..).step_by(2)) {
+                    // SAFETY: a column is less than the window's width, which the runs are
+                    // longer than by one less than a register.
+                    let (values, levels) = unsafe {
+                        let levels = [
+                            load_bytes_at(levels[0], column),
+                            load_bytes_at(levels[1], column),
+                            load_bytes_at(levels[2], column),
+                        ];
+                        (load_words_at(values, column), levels)
+                    };
                     // Cut off at 255, where nothing weighs any more.
-                    let levels = [load_bytes(a), load_bytes(b), load_bytes(c)];
                     let difference = difference(centres, levels);
                     let likeness = subtract_saturating(reach, difference);
                     let square = shift_right::<4>(multiply(likeness, likeness));
@@ -163,10 +171,32 @@ macro_rules! median_in_registers {
         #[target_feature(enable = $features)]
         #[inline]
         fn load_bytes(bytes: &[u8]) -> Bytes {
-            const { assert!(size_of::<Bytes>() == LANES) };
             let bytes = bytes.first_chunk::<LANES>().unwrap_or(&[0; LANES]);
-            // SAFETY: both have the same size, and any bits are bytes.
-            unsafe { bytes.as_ptr().cast::<Bytes>().read_unaligned() }
+            // SAFETY: the array has as many.
+            unsafe { load_bytes_at(bytes, 0) }
+        }
+
+        /// The words from `start` on.
+        ///
+        /// # Safety
+        /// There are [`LANES`] of them.
+        #[target_feature(enable = $features)]
+        #[inline]
+        unsafe fn load_words_at(words: &[i16], start: usize) -> Words {
+            // SAFETY: any bits are words, and the caller promises them.
+            unsafe { words.as_ptr().add(start).cast::<Words>().read_unaligned() }
+        }
+
+        /// The bytes from `start` on.
+        ///
+        /// # Safety
+        /// There are [`LANES`] of them.
+        #[target_feature(enable = $features)]
+        #[inline]
+        unsafe fn load_bytes_at(bytes: &[u8], start: usize) -> Bytes {
+            const { assert!(size_of::<Bytes>() == LANES) };
+            // SAFETY: any bits are bytes, and the caller promises them.
+            unsafe { bytes.as_ptr().add(start).cast::<Bytes>().read_unaligned() }
         }
     };
 }
