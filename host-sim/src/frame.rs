@@ -103,13 +103,24 @@ pub fn match_frame(
 }
 
 /// Lines of disparities, one after another.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Map {
     disparities_q4: Vec<i16>,
     confidences: Vec<u8>,
 }
 
 impl Map {
+    /// With room for the lines of a frame: they are not moved to make some.
+    fn with_room(config: &Config, views: &Views) -> Self {
+        let region = config.region;
+        let lines = views.lines().count().min(region.height as usize);
+        let pixels = lines * usize::from(region.width);
+        Self {
+            disparities_q4: Vec::with_capacity(pixels),
+            confidences: Vec::with_capacity(pixels),
+        }
+    }
+
     fn push(&mut self, line_q4: &[i16], confidences: &[u8]) {
         self.disparities_q4.extend_from_slice(line_q4);
         self.confidences.extend_from_slice(confidences);
@@ -135,7 +146,7 @@ fn match_alone(
 ) -> Result<(Map, Duration), FrameError> {
     let mut memory = vec![0; config.memory_words()];
     let mut matcher = Matcher::new(config, kernels, &mut memory)?;
-    let mut map = Map::default();
+    let mut map = Map::with_room(config, views);
     let started = Instant::now();
     for (left, right) in views.lines() {
         if let Some(line) = matcher.push(left, right)? {
@@ -158,7 +169,7 @@ fn match_parallel(
 ) -> Result<(Map, Duration), FrameError> {
     let mut memory = vec![0; Refiner::memory_words(config, recall)];
     let mut refiner = Refiner::new(config, recall, &mut Arena::new(&mut memory))?;
-    let mut map = Map::default();
+    let mut map = Map::with_room(config, views);
     let started = Instant::now();
     let views = views.to_grey();
     for band in match_bands(config, recall, &views, kernels, threads)? {

@@ -73,7 +73,7 @@ pub(super) fn match_pipelined(
     let mut refiner = SurfaceRefiner::new(config, aggregation, kernels, arena)?;
     let mut behind = ReferenceLines::new(config, aggregation, views, kernels, arena)?;
 
-    let mut map = Map::default();
+    let mut map = Map::with_room(config, views);
     let started = Instant::now();
     thread::scope(|scope| {
         // Dropped with the scope: a panic here ends the other thread's wait.
