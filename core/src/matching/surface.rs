@@ -620,14 +620,6 @@ impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
         if self.parameters.difference_weight_q4 == 0 {
             return;
         }
-        // Every other pixel tells enough.
-        let pixels = self.confidences.chunks(2).zip(check.best.chunks(2));
-        let pixels = (0..).step_by(2).zip(pixels);
-        let matches = pixels.filter_map(|(x, (confidences, best))| {
-            let (&confidence, &best) = confidences.first().zip(best.first())?;
-            let position = check.position(x, best).filter(|_| confidence > 0)?;
-            Some((x, position))
-        });
         // The lines above and below tell the gradient.
         if sizes.aligned && line > 0 && line + 1 < self.sampler.other.lines() {
             let other = &self.sampler.other;
@@ -635,10 +627,10 @@ impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
                 own: self.sampler.reference.row(line),
                 others: [line - 1, line, line + 1].map(|line| other.row(line)),
             };
-            // Every other one of them tells enough of that.
-            let matches = matches.clone().filter(|(position, _)| position % 4 == 0);
             // Green, where there is colour, is most of grey.
             let conversion = self.exposure.conversion(sizes.channels() / 2);
+            // Every fourth pixel tells enough of that.
+            let matches = matches_of::<4>(&check, self.confidences);
             let matches = matches.map(|(position, other_position)| {
                 let at = |values: &[i16]| values.get(position).copied().unwrap_or(0);
                 let best = check.best.get(position).copied().unwrap_or(0);
@@ -655,12 +647,28 @@ impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
         }
         let levels = rows_of(channels_of(&self.reference, &self.sampler.reference), line);
         let others = rows_of(channels_of(&self.other, &self.sampler.other), line);
+        // Every other pixel tells enough.
+        let matches = matches_of::<2>(&check, self.confidences);
         if sizes.channels() == 1 {
             self.exposure.learn::<1>(matches, levels, others);
         } else {
             self.exposure.learn::<MAX_CHANNELS>(matches, levels, others);
         }
     }
+}
+
+/// The matches that hold of every `STEP`th pixel: its position and that in the other view.
+fn matches_of<const STEP: usize>(
+    check: &RowCheck<'_>,
+    confidences: &[u8],
+) -> impl Iterator<Item = (usize, usize)> {
+    let pixels = confidences.chunks(STEP).zip(check.best.chunks(STEP));
+    let pixels = (0..).step_by(STEP).zip(pixels);
+    pixels.filter_map(|(x, (confidences, best))| {
+        let (&confidence, &best) = confidences.first().zip(best.first())?;
+        let position = check.position(x, best).filter(|_| confidence > 0)?;
+        Some((x, position))
+    })
 }
 
 /// Writes the penalties of larger steps between levels and their neighbours.
