@@ -3,11 +3,6 @@
 //! The loops are the same for every instruction set; [`median_in_registers`] puts them
 //! beside the registers' own operations.
 
-use vgstereo_core::config::WeightedMedianParameters;
-
-/// Taps that have room here: the most that a configuration may ask for.
-pub const MAX_TAPS: usize = WeightedMedianParameters::MAX_TAPS;
-
 /// A tap of `LANES` centres side by side. No load of it straddles two cache lines.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
@@ -30,6 +25,11 @@ impl<const LANES: usize> Tap<LANES> {
 /// operations on them, by the names used here.
 macro_rules! median_in_registers {
     ($features:literal) => {
+        thread_local! {
+            /// Scratch of a thread: the taps of the pixels that are filtered side by side.
+            static TAPS: Cell<Vec<Tap<LANES>>> = const { Cell::new(Vec::new()) };
+        }
+
         #[target_feature(enable = $features)]
         pub fn weighted_median_row(
             row: &WeightedMedianRow<'_>,
@@ -38,20 +38,21 @@ macro_rules! median_in_registers {
         ) {
             let width = output.len();
             let taps = row.rows * row.tap_columns().len();
-            if width < LANES || taps > MAX_TAPS || taps > row.places.len() || row.window_width == 0
-            {
+            if width < LANES || taps > row.places.len() || row.window_width == 0 {
                 refine::weighted_median_row(row, weights, output);
                 return;
             }
-            // On the host's stack.
-            let mut taps = [Tap::NONE; MAX_TAPS];
+            let mut scratch = TAPS.take();
+            scratch.resize(scratch.len().max(taps), Tap::NONE);
+            let taps = &mut scratch[..taps];
             // The last block overlaps the one before rather than leave a rest.
             for x in (0..width).step_by(LANES) {
                 let x = x.min(width - LANES);
                 if let Some(output) = output[x..].first_chunk_mut() {
-                    filter_block(row, x, &mut taps, output);
+                    filter_block(row, x, taps, output);
                 }
             }
+            TAPS.set(scratch);
         }
 
         /// Filters the pixels from `x` on.
@@ -60,7 +61,7 @@ macro_rules! median_in_registers {
         fn filter_block(
             row: &WeightedMedianRow<'_>,
             x: usize,
-            taps: &mut [Tap<LANES>; MAX_TAPS],
+            taps: &mut [Tap<LANES>],
             output: &mut [i16; LANES],
         ) {
             // Grey counts as three equal channels.

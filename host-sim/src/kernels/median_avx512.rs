@@ -11,11 +11,12 @@ use std::arch::x86_64::{
     _mm512_sub_epi16 as subtract, _mm512_subs_epu16 as subtract_saturating,
     _mm512_xor_si512 as xor,
 };
+use std::cell::Cell;
 
 use vgstereo_core::disparity::INVALID;
 use vgstereo_core::refine::{self, WeightedMedianRow};
 
-use super::median::{MAX_TAPS, Tap, median_in_registers};
+use super::median::{Tap, median_in_registers};
 
 /// Pixels filtered side by side.
 const LANES: usize = 32;
