@@ -26,7 +26,8 @@ const D_MAX: u16 = 31;
 /// The function in which instructions are counted.
 const MEASURED: &str = "measured_frame";
 
-const KERNELS: [&str; 8] = [
+const KERNELS: [&str; 9] = [
+    "smooth_row",
     "pack_cells",
     "recall_row",
     "mask_block",

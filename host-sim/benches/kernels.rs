@@ -79,6 +79,19 @@ fn sampling(criterion: &mut Criterion) {
     }
 }
 
+fn smoothing(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("smooth_row");
+    // One element is one pixel.
+    group.throughput(Throughput::Elements(WIDTH as u64));
+    let rows = [1, 2, 3].map(|seed| noise(WIDTH + 2, 12, seed));
+    let rows = rows.each_ref().map(Vec::as_slice);
+    let mut smoothed = vec![0; WIDTH];
+    per_set(&mut group, 5, |kernels| {
+        kernels.smooth_row(rows, 5, &mut smoothed);
+    });
+    group.finish();
+}
+
 fn recall(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("recall");
     // One element is one pixel at one disparity.
@@ -349,6 +362,7 @@ fn refinement(criterion: &mut Criterion) {
 criterion_group!(
     benches,
     sampling,
+    smoothing,
     recall,
     masks,
     costs,

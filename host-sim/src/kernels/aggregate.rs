@@ -184,8 +184,8 @@ thread_local! {
 ///   the last), `store` (of as many as there is room for), `are_equal` and `step_path`, which
 ///   may take it that no disparity is in the last place unless it is told `FULL`;
 /// - `Keys`, as many words in the order of [`place`], with `join` (the sums of three paths
-///   with the tails of keys), `lesser`, `least_key`, `key_in` (a place), and `advance`, which moves all to the
-///   next disparity.
+///   with the tails of keys), `lesser`, `least_key`, `key_in` (a place), and `advance`,
+///   which moves all to the next disparity.
 macro_rules! aggregate_in_registers {
     ($features:literal) => {
         #[target_feature(enable = $features)]
@@ -228,12 +228,12 @@ macro_rules! aggregate_in_registers {
             // which do not wait, fill each other's time: from both ends, and both ways from
             // the middle as if the line began there.
             let half = count / 2;
-            let second = count - half;
+            let second_start = count - half;
             let mut paths = [beginning; 4];
             // Between a pixel and the one on its right.
             let mut p2_right = [0; 2];
             for x in 0..half {
-                for (path, x) in paths.iter_mut().zip([x, second + x]) {
+                for (path, x) in paths.iter_mut().zip([x, second_start + x]) {
                     let costs = load(&costs[x]);
                     *path = step_path::<FULL>(*path, costs, p1, broadcast(p2_along[x]));
                     store(&mut from_left[x], *path);
@@ -249,7 +249,7 @@ macro_rules! aggregate_in_registers {
                 }
             }
             let [mut left, _, mut right, _] = paths;
-            if half < second {
+            if half < second_start {
                 let costs = load(&costs[half]);
                 left = step_path::<FULL>(left, costs, p1, broadcast(p2_along[half]));
                 store(&mut from_left[half], left);
@@ -259,9 +259,9 @@ macro_rules! aggregate_in_registers {
                 let down = step_path::<FULL>(above, costs, p1, broadcast(p2_down[half]));
                 store(&mut from_above[half], down);
             }
-            // Where a path from the end comes to what the one from the middle found, which
-            // hardly takes a few pixels, the rest is the same.
-            for x in second..count {
+            // Where a path from the end comes to what the one from the middle found, the rest
+            // is the same: after about ten pixels of real lines, at the latest at their end.
+            for x in second_start..count {
                 left = step_path::<FULL>(left, load(&costs[x]), p1, broadcast(p2_along[x]));
                 if are_equal(left, load(&from_left[x])) {
                     break;

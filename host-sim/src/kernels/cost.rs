@@ -54,8 +54,9 @@ pub fn beyond(inside: usize) -> &'static [u8] {
 /// Sums of differences that are told apart: what is larger costs the same.
 pub const SUMS: usize = 128;
 
-/// Whether the sums of differences of levels may be cut off at [`SUMS`].
-pub fn is_truncated(row: &CostRun<'_>) -> bool {
+/// Whether the sums of differences of levels may be cut off at [`SUMS`]: where the mean is
+/// truncated at 42 in colour, at 127 in grey, or below.
+pub fn sums_fit_bytes(row: &CostRun<'_>) -> bool {
     row.difference_weight_q4 == 0
         || mean_of(row, SUMS as u16 - 1) >= u16::from(row.difference_truncation)
 }
@@ -90,10 +91,10 @@ fn mean_of(row: &CostRun<'_>, sum: u16) -> u16 {
 /// takes from where it stands `Register` with its `LANES` of bytes, half as many words, and
 /// operations on both; `load` and `store` move the first `lanes` bytes, and the others mean
 /// nothing; `lanes_from` moves those from a place on to the front. And `Patterns`, made of a
-/// run that [`is_inside`], whose `differing_cells` tells how many cells of `GROUP` pixels from
+/// run that [`is_inside`], whose `differing_cells` tells how many cells of `PIXELS` pixels from
 /// `x` of the run differ from those of the last one's disparities from `start` on: `REGISTERS`
 /// times, for each, two registers of words, which `pack` makes bytes in order. And
-/// `Differences`, made of a run that [`is_truncated`], whose `costs` are those of sums of
+/// `Differences`, made of a run whose [`sums_fit_bytes`], whose `costs` are those of sums of
 /// differences of levels, bytes cut off at 255.
 macro_rules! cost_in_registers {
     ($features:literal) => {
@@ -105,7 +106,7 @@ macro_rules! cost_in_registers {
                 0 => 0,
                 _ => row.channels,
             };
-            let is_for_registers = is_inside(row, costs.len()) && is_truncated(row);
+            let is_for_registers = is_inside(row, costs.len()) && sums_fit_bytes(row);
             match (is_for_registers, masked, channels) {
                 (true, false, 0) => cost_registers::<false, 0>(row, costs),
                 (true, false, 1) => cost_registers::<false, 1>(row, costs),
@@ -127,8 +128,9 @@ macro_rules! cost_in_registers {
         ) {
             let stride = cost_stride(row.disparities);
             let patterns = &Patterns::new(row);
+            let differences = &Differences::new(row);
             if stride >= 2 * LANES {
-                cost_pixels::<MASKED, CHANNELS, 2, 1>(row, patterns, 0, costs);
+                cost_pixels::<MASKED, CHANNELS, 2, 1>(row, (patterns, differences), 0, costs);
                 return;
             }
             let mut grouped = 0;
@@ -136,8 +138,8 @@ macro_rules! cost_in_registers {
                 grouped = row.cell_costs_q8.len() / GROUP * GROUP;
             }
             let (costs, rest) = costs.split_at_mut(grouped * stride);
-            cost_pixels::<MASKED, CHANNELS, 1, GROUP>(row, patterns, 0, costs);
-            cost_pixels::<MASKED, CHANNELS, 1, 1>(row, patterns, grouped, rest);
+            cost_pixels::<MASKED, CHANNELS, 1, GROUP>(row, (patterns, differences), 0, costs);
+            cost_pixels::<MASKED, CHANNELS, 1, 1>(row, (patterns, differences), grouped, rest);
         }
 
         /// The costs of pixels from `first` on of a run that [`is_inside`], with its masks
@@ -149,10 +151,10 @@ macro_rules! cost_in_registers {
             const MASKED: bool,
             const CHANNELS: usize,
             const REGISTERS: usize,
-            const GROUP: usize,
+            const PIXELS: usize,
         >(
             row: &CostRun<'_>,
-            patterns: &Patterns,
+            (patterns, differences): (&Patterns, &Differences),
             first: usize,
             costs: &mut [u8],
         ) {
@@ -165,18 +167,17 @@ macro_rules! cost_in_registers {
             let block = REGISTERS * lanes;
             let hamming_truncation = broadcast_byte(row.hamming_truncation.cast_signed());
             let half = broadcast_word(128);
-            let differences = Differences::new(row);
-            let cell_costs_q8 = row.cell_costs_q8[first..].as_chunks::<GROUP>().0;
-            let groups = costs.chunks_exact_mut(GROUP * stride).zip(cell_costs_q8);
-            for ((costs, cell_costs_q8), x) in groups.zip((first..).step_by(GROUP)) {
+            let cell_costs_q8 = row.cell_costs_q8[first..].as_chunks::<PIXELS>().0;
+            let groups = costs.chunks_exact_mut(PIXELS * stride).zip(cell_costs_q8);
+            for ((costs, cell_costs_q8), x) in groups.zip((first..).step_by(PIXELS)) {
                 for start in (0..stride).step_by(block) {
                     // The last block overlaps the one before rather than leave a rest.
                     let start = start.min(stride - block);
                     let cells =
-                        patterns.differing_cells::<MASKED, REGISTERS, GROUP>(x, start, lanes);
+                        patterns.differing_cells::<MASKED, REGISTERS, PIXELS>(x, start, lanes);
                     for (index, cells) in cells.into_iter().enumerate() {
                         let start = start + index * lanes;
-                        let at = row.first_position + 1 - GROUP - x + start;
+                        let at = row.first_position + 1 - PIXELS - x + start;
                         let mut others = [[zero(); 2]; CHANNELS];
                         let rows = row.other_low.iter().zip(row.other_high);
                         for (other, (low, high)) in others.iter_mut().zip(rows) {
@@ -204,7 +205,7 @@ macro_rules! cost_in_registers {
                                 }
                                 cost = add_saturating(cost, differences.costs(sum));
                             }
-                            cost = lanes_from(cost, GROUP - 1 - pixel);
+                            cost = lanes_from(cost, PIXELS - 1 - pixel);
                             if start + lanes > row.disparities {
                                 let inside = row.disparities.saturating_sub(start);
                                 // SAFETY: there are as many bytes as a register has.

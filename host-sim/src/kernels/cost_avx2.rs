@@ -15,7 +15,7 @@ use std::arch::x86_64::{
 
 use vgstereo_core::matching::{self, CostRun, cost_stride};
 
-use super::cost::{beyond, cost_in_registers, is_inside, is_truncated};
+use super::cost::{beyond, cost_in_registers, is_inside, sums_fit_bytes};
 
 /// Disparities side by side; there are half as many where there are no more.
 const LANES: usize = 32;
@@ -38,13 +38,13 @@ impl<'a> Patterns<'a> {
 
     #[target_feature(enable = "avx2")]
     #[inline]
-    fn differing_cells<const MASKED: bool, const REGISTERS: usize, const GROUP: usize>(
+    fn differing_cells<const MASKED: bool, const REGISTERS: usize, const PIXELS: usize>(
         &self,
         x: usize,
         start: usize,
         lanes: usize,
-    ) -> [[[Register; 2]; GROUP]; REGISTERS] {
-        const { assert!(GROUP == 1) };
+    ) -> [[[Register; 2]; PIXELS]; REGISTERS] {
+        const { assert!(PIXELS == 1) };
         let row = self.0;
         let position = row.first_position - x + start;
         let mut totals = [[zero(); 2]; REGISTERS];
@@ -82,7 +82,7 @@ impl<'a> Patterns<'a> {
             }
             plane = end;
         }
-        totals.map(|total| [total; GROUP])
+        totals.map(|total| [total; PIXELS])
     }
 }
 

@@ -17,7 +17,7 @@ use std::cell::Cell;
 use vgstereo_core::matching::{self, CostRun, cost_stride};
 use vgstereo_core::minchinton::Planes;
 
-use super::cost::{SUMS, beyond, cost_in_registers, difference_costs, is_inside, is_truncated};
+use super::cost::{SUMS, beyond, cost_in_registers, difference_costs, is_inside, sums_fit_bytes};
 
 /// Disparities side by side.
 const LANES: usize = 64;
@@ -81,22 +81,22 @@ impl Patterns {
 
     #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi,avx512vpopcntdq")]
     #[inline]
-    fn differing_cells<const MASKED: bool, const REGISTERS: usize, const GROUP: usize>(
+    fn differing_cells<const MASKED: bool, const REGISTERS: usize, const PIXELS: usize>(
         &self,
         x: usize,
         start: usize,
         _lanes: usize,
-    ) -> [[[Register; 2]; GROUP]; REGISTERS] {
-        let mut sums = [[[zero(); PLANES]; GROUP]; REGISTERS];
+    ) -> [[[Register; 2]; PIXELS]; REGISTERS] {
+        let mut sums = [[[zero(); PLANES]; PIXELS]; REGISTERS];
         let inputs = self.count * self.positions;
         let masks = inputs + self.count * self.pixels;
-        let first = self.pixels - GROUP - x + start;
+        let first = self.pixels - PIXELS - x + start;
         for quad in 0..self.count {
             let at = quad * self.pixels + x;
-            let mut own = [[zero(); 2]; GROUP];
+            let mut own = [[zero(); 2]; PIXELS];
             for (own, pixel) in own.iter_mut().zip(0..) {
                 for (own, start) in own.iter_mut().zip([inputs, masks]) {
-                    // SAFETY: the run has `GROUP` pixels from `x` on.
+                    // SAFETY: the run has `PIXELS` pixels from `x` on.
                     let double = unsafe { *self.doubles.get_unchecked(start + at + pixel) };
                     *own = broadcast_double(double.cast_signed());
                 }
@@ -118,7 +118,7 @@ impl Patterns {
                 }
             }
         }
-        let mut words = [[[zero(); 2]; GROUP]; REGISTERS];
+        let mut words = [[[zero(); 2]; PIXELS]; REGISTERS];
         for (words, sums) in words.iter_mut().zip(sums) {
             for (words, [a, b, c, d]) in words.iter_mut().zip(sums) {
                 *words = [_mm512_packus_epi32(a, b), _mm512_packus_epi32(c, d)];
