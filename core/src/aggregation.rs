@@ -30,7 +30,8 @@ pub struct AggregateRow<'a> {
     pub costs: &'a mut [u8],
     /// Path costs from the right: scratch of the same size.
     pub from_right: &'a mut [u8],
-    /// Path costs from above: those of the line above, then of this line.
+    /// Path costs from above: those of the line above, then of this line. Unless `is_first`,
+    /// they are what the same kernel set made of a line of this shape.
     pub from_above: &'a mut [u8],
     /// Bytes per pixel: a multiple of 16.
     pub stride: usize,

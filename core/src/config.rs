@@ -29,7 +29,7 @@ pub struct Parameters {
     /// |W|: 16 to 1024, a multiple of 16.
     pub synapses: u16,
     /// Standard deviation of the offsets, px, above 0 and at most 10: of the first half of
-    /// the synapses and of the second.
+    /// the synapses and of the second. The larger first: lines are smoothed for that half.
     pub sigmas_px: [f32; 2],
     /// Reach of the offsets; [`Support::three_sigma`] unless there is a reason.
     pub support: Support,
@@ -473,8 +473,8 @@ impl Config {
     /// | part of [`Aggregation`], `D` rounded up to 16, `c` channels | bytes |
     /// |---|---|
     /// | costs and paths | `2 W D + 5 D` |
-    /// | paths from the right, and before them patterns, levels of the other view and cells of the masks | the larger of `W D` and `(2 W + D + 32) n / 8 + 2 c (W + D) + 32 n`, without `32 n` where every cell counts |
-    /// | best matches and checks | `17 W + 4 D` |
+    /// | paths from the right, and before them patterns, levels of the other view and cells of the masks | the larger of `W D` and `(W + P + 32) n / 8 + 2 c P + 32 n`, `P = W + D` and the lowest disparity's magnitude; without `2 c P` where levels do not count, without `32 n` where every cell does |
+    /// | best matches and checks | `15 W + 4 D` |
     /// | offsets, costs of a cell | `4 n` |
     /// | masks, unless every cell counts | `8 n` |
     /// | lines before they are moved, if they are | `W`, with colour `4 W` |

@@ -41,7 +41,8 @@ pub trait Kernels: Copy {
         convert_row(conversion, levels, low, high);
     }
 
-    /// Smooths a line of grey; see [`smooth_row`].
+    /// Smooths a line of grey; see [`smooth_row`]. Where a row is shorter than two pixels more
+    /// than `smoothed`, that stays as it is.
     #[inline]
     fn smooth_row(&self, rows: [&[u8]; 3], step_max: u8, smoothed: &mut [u8]) {
         smooth_row(rows, step_max, smoothed);

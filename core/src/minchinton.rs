@@ -195,8 +195,9 @@ impl<'m> PatternRow<'m> {
     /// The same in `bytes`, at least [`PatternRow::bytes`], whatever they hold.
     #[must_use]
     pub fn over(bytes: &'m mut [u8], width: usize, synapses: usize) -> Self {
+        let used = Self::bytes(width, synapses).min(bytes.len());
         Self {
-            planes: bytes,
+            planes: bytes.split_at_mut(used).0,
             stride: width + Self::SLACK,
             count: synapses / CELLS_PER_BYTE,
         }

@@ -312,6 +312,33 @@ mod tests {
     use rand_core::{Rng, SeedableRng};
     use rand_pcg::Pcg32;
 
+    #[test]
+    fn a_line_is_stored_anew_with_its_ends() {
+        for order in [Order::Columns, Order::Mirrored] {
+            let mut block = [0; 64];
+            let mut strip = Strip::new(4, 2, 3, order, &mut Arena::new(&mut block)).unwrap();
+            for line in [[1, 2, 3, 4], [5, 6, 7, 8]] {
+                strip.push(&line);
+            }
+            // In stored order, whatever that is.
+            strip.store(0, |levels| levels.copy_from_slice(&[9, 8, 7, 6]));
+            assert_eq!(strip.lines(), 2);
+            assert_eq!(strip.run(0, -2, 8), [9, 9, 9, 8, 7, 6, 6, 6]);
+            assert_eq!(strip.padded(0), [9, 9, 8, 7, 6, 6]);
+            let kept = match order {
+                Order::Columns => [5, 5, 6, 7, 8, 8],
+                Order::Mirrored => [8, 8, 7, 6, 5, 5],
+            };
+            assert_eq!(strip.padded(1), kept);
+            strip.store(2, |levels| levels.fill(3));
+            assert_eq!((strip.lines(), strip.padded(2)), (3, &[3; 6][..]));
+        }
+        let mut block = [0; 64];
+        let mut narrow = Strip::new(4, 0, 3, Order::Columns, &mut Arena::new(&mut block)).unwrap();
+        narrow.push(&[1, 2, 3, 4]);
+        assert_eq!(narrow.padded(0), []);
+    }
+
     /// Every sample of a strip equals the clamped sample of the whole image.
     #[test]
     fn samples_equal_those_of_the_clamped_image() {

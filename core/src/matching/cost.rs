@@ -44,7 +44,8 @@ pub struct CostRun<'a> {
     pub channels: usize,
     /// Largest difference of levels that counts.
     pub difference_truncation: u8,
-    /// Cost of a difference of one level, 1/16; 0 leaves the levels out.
+    /// Cost of a difference of one level, 1/16; 0 leaves the levels out. The largest
+    /// difference costs at most 255 less the largest cost of the patterns.
     pub difference_weight_q4: u8,
 }
 

@@ -153,6 +153,7 @@ impl<K: Kernels> RowMasks for SurfaceMasks<'_, K> {
             _ => (self.floor, self.step.get()),
         };
         let cells = self.synapses.len() * self.lanes;
+        debug_assert!(scratch.len() >= cells, "scratch of the masks");
         let mut task = MaskBlock {
             levels,
             channels: channels.len(),

@@ -334,8 +334,8 @@ impl<'m, K: Kernels> SurfaceMatcher<'m, K> {
 }
 
 impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
-    /// The same as `new`, but with masks from elsewhere, whose memory is not taken; `None`
-    /// where every cell counts.
+    /// The same as `new`, but with masks from elsewhere, for which no memory but their scratch
+    /// is taken; `None` where every cell counts.
     ///
     /// # Errors
     /// [`ConfigError`] when `config` is not valid or the arena is too small.

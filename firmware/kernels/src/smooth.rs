@@ -25,11 +25,13 @@ pub fn smooth_row(rows: [&[u8]; 3], step_max: u8, smoothed: &mut [u8]) {
 
 #[inline(always)]
 fn smooth(rows: [&[u8]; 3], step_max: u8, smoothed: &mut [u8]) -> Option<()> {
+    let width = smoothed.len();
     let outputs = smoothed.as_chunks_mut::<LANES>().0;
     let step = splat_u8(step_max);
     let mut windows = [&[][..]; 3];
     for (windows, row) in windows.iter_mut().zip(rows) {
-        *windows = row.get(..LANES * outputs.len() + 2)?;
+        // Rows that are too short for the last pixel are for none.
+        *windows = row.get(..width + 2)?;
     }
     let [above, own, below] = windows.map(|row| row.windows(LANES + 2).step_by(LANES));
     let pixels = outputs.iter_mut().zip(above).zip(own).zip(below);
