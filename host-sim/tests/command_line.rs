@@ -164,7 +164,7 @@ fn the_scene_of_the_demo_is_one_for_eval() {
         cells.take(4).collect()
     };
     let (demo, eval) = (row(&demo.stdout), row(&eval.stdout));
-    assert_eq!(demo.len(), 4);
+    assert_eq!((demo.len(), eval.len()), (4, 4));
     for (demo, eval) in demo.iter().zip(&eval) {
         // The truth is rounded: a pixel in a thousand may be beyond the threshold by that.
         assert!((demo - eval).abs() < 0.1, "{demo} {eval}");

@@ -48,6 +48,7 @@ fn what_neither_clips_nor_drowns_in_noise_costs_little() {
         ("rising black level", 1.0, 0.0, 0.0, 60.0),
         ("falling black level", 1.0, 0.0, 0.0, -60.0),
         ("falling gain", 1.0, -0.8, 0.0, 0.0),
+        ("falling gain that clips at first", 1.1, -1.0, 0.0, 0.0),
     ];
     // How far a blank wall is filled from either side hangs on the synapses drawn.
     let mean = |preset: Preset, scene: &Scene| {
@@ -67,7 +68,9 @@ fn what_neither_clips_nor_drowns_in_noise_costs_little() {
         });
         for (preset, equal) in presets.into_iter().zip(equal) {
             let cost = mean(preset, &scene) - equal;
-            assert!(cost <= 0.65, "{preset}, {name}: {cost:+.2}");
+            // What clips is lost: the blank wall is where the gain is largest.
+            let most = if name.contains("clips") { 1.7 } else { 0.65 };
+            assert!(cost <= most, "{preset}, {name}: {cost:+.2}");
         }
     }
 }
