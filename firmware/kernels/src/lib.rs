@@ -101,6 +101,11 @@ pub struct Rv32;
 
 impl Kernels for Rv32 {
     #[inline]
+    fn smooth_row(&self, rows: [&[u8]; 3], step_max: u8, smoothed: &mut [u8]) {
+        Armv7em.smooth_row(rows, step_max, smoothed);
+    }
+
+    #[inline]
     fn cost_run(&self, row: &CostRun<'_>, costs: &mut [u8]) {
         Armv7em.cost_run(row, costs);
     }
