@@ -936,6 +936,53 @@ fn a_wedge_of_exposures_is_measured() {
     fixture.refuses(&["exposure", "--preset", "lite,lite"], &["lite", "twice"]);
 }
 
+/// Of several seeds, what each alone gives at its least and its most.
+#[test]
+fn seeds_are_reported_together() {
+    let fixture = two_scenes();
+    let json = |more: &[&str]| -> serde_json::Value {
+        let arguments = ["eval", "set", "--preset", "lite,micro", "--json"];
+        let outcome = fixture.run(&[&arguments[..], more].concat());
+        assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+        serde_json::from_str(&outcome.stdout).unwrap()
+    };
+    let alone = ["1", "7", "3"].map(|seed| json(&["--seed", seed]));
+    let together = json(&["--seeds", "1,7,3"]);
+    assert_eq!(together["seeds"], serde_json::json!([1, 7, 3]));
+    for preset in 0..2 {
+        let pick = |report: &serde_json::Value| report["presets"][preset].clone();
+        let of_scene = |scene: usize| {
+            alone
+                .each_ref()
+                .map(|r| pick(r)["scenes"][scene]["average"].clone())
+        };
+        let spreads = [
+            (
+                pick(&together)["average"].clone(),
+                alone.each_ref().map(|r| pick(r)["average"].clone()),
+            ),
+            (pick(&together)["scenes"][0].clone(), of_scene(0)),
+            (pick(&together)["scenes"][1].clone(), of_scene(1)),
+        ];
+        assert_eq!(pick(&together)["preset"], pick(&alone[0])["preset"]);
+        assert_eq!(
+            pick(&together)["scenes"][1]["scene"],
+            pick(&alone[0])["scenes"][1]["scene"]
+        );
+        for (spread, averages) in spreads {
+            let averages = averages.map(|average| average.as_f64().unwrap());
+            let least = averages.into_iter().fold(f64::INFINITY, f64::min);
+            let most = averages.into_iter().fold(0.0, f64::max);
+            assert_eq!(
+                (spread["smallest"].as_f64(), spread["largest"].as_f64()),
+                (Some(least), Some(most))
+            );
+            let mean = averages.iter().sum::<f64>() / 3.0;
+            assert!((spread["mean"].as_f64().unwrap() - mean).abs() < 1e-9);
+        }
+    }
+}
+
 /// What only one view sees is filled in, or left out when asked for.
 #[test]
 fn sparse_leaves_out_what_was_not_found() {

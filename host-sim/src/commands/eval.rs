@@ -40,7 +40,12 @@ pub struct Eval {
     #[arg(long, value_name = "PX", default_value_t = 1.0)]
     threshold: f32,
     /// Repeat with each of these seeds, separated by commas, and report the spread.
-    #[arg(long, value_name = "N,N", value_delimiter = ',', conflicts_with_all = ["seed", "json"])]
+    #[arg(
+        long,
+        value_name = "N,N",
+        value_delimiter = ',',
+        conflicts_with = "seed"
+    )]
     seeds: Vec<u64>,
     /// Match the grey of colour images.
     #[arg(long)]
@@ -99,6 +104,75 @@ struct SceneReport {
     seconds: f64,
     working_bytes: usize,
     latency_lines: u32,
+}
+
+/// What `--json` prints of several seeds.
+#[derive(Debug, Serialize)]
+struct SpreadReport {
+    seeds: Vec<u64>,
+    presets: Vec<PresetSpread>,
+}
+
+#[derive(Debug, Serialize)]
+struct PresetSpread {
+    preset: String,
+    average: Spread,
+    scenes: Vec<SceneSpread>,
+}
+
+#[derive(Debug, Serialize)]
+struct SceneSpread {
+    scene: String,
+    #[serde(flatten)]
+    spread: Spread,
+}
+
+/// Averages over the masks, one per seed.
+#[derive(Debug, Serialize)]
+struct Spread {
+    mean: Option<f64>,
+    smallest: Option<f64>,
+    largest: Option<f64>,
+}
+
+impl Spread {
+    fn new(averages: impl Iterator<Item = Option<f64>>) -> Self {
+        let averages: Vec<f64> = averages.flatten().collect();
+        Self {
+            mean: mean(averages.iter().copied()),
+            smallest: averages.iter().copied().reduce(f64::min),
+            largest: averages.iter().copied().reduce(f64::max),
+        }
+    }
+}
+
+impl SpreadReport {
+    /// Of reports of the same presets and scenes.
+    fn new(seeds: Vec<u64>, by_seed: &[Report]) -> Self {
+        let first = by_seed.first().map_or(&[][..], |report| &report.presets);
+        let presets = first.iter().enumerate().map(|(index, preset)| {
+            let presets: Vec<&PresetReport> = by_seed
+                .iter()
+                .filter_map(|report| report.presets.get(index))
+                .collect();
+            let scenes = preset.scenes.iter().enumerate().map(|(place, scene)| {
+                let scenes = presets.iter().filter_map(|preset| preset.scenes.get(place));
+                SceneSpread {
+                    scene: scene.scene.clone(),
+                    spread: Spread::new(scenes.map(|scene| scene.average)),
+                }
+            });
+            PresetSpread {
+                preset: preset.preset.clone(),
+                average: Spread::new(presets.iter().map(|preset| preset.average)),
+                scenes: scenes.collect(),
+            }
+        });
+        Self {
+            seeds,
+            presets: presets.collect(),
+        }
+    }
 }
 
 /// A preset or a published method on the scenes of Middlebury v2.
@@ -270,7 +344,14 @@ impl Eval {
         match by_seed.as_slice() {
             [report] if self.json => Ok(serde_json::to_string(report)? + "\n"),
             [report] => Ok(self.results_table(report)),
-            by_seed => Ok(self.spread_table(by_seed)),
+            by_seed => {
+                let report = SpreadReport::new(self.seeds.clone(), by_seed);
+                if self.json {
+                    Ok(serde_json::to_string(&report)? + "\n")
+                } else {
+                    Ok(self.spread_table(&report))
+                }
+            }
         }
     }
 
@@ -395,34 +476,24 @@ impl Eval {
         )
     }
 
-    fn spread_table(&self, by_seed: &[Report]) -> String {
+    fn spread_table(&self, report: &SpreadReport) -> String {
         let mut table = table(&["preset", "scene", "mean", "smallest", "largest"], 2);
-        let first = by_seed.first().map_or(&[][..], |report| &report.presets);
-        for (index, preset) in first.iter().enumerate() {
-            let mut add = |name: &str, averages: Vec<f64>| {
+        for preset in &report.presets {
+            let scenes = preset.scenes.iter().map(|s| (s.scene.as_str(), &s.spread));
+            for (name, spread) in scenes.chain([("average", &preset.average)]) {
                 table.add_row([
                     preset.preset.clone(),
                     name.to_owned(),
-                    percent(mean(averages.iter().copied())),
-                    percent(averages.iter().copied().reduce(f64::min)),
-                    percent(averages.iter().copied().reduce(f64::max)),
+                    percent(spread.mean),
+                    percent(spread.smallest),
+                    percent(spread.largest),
                 ]);
-            };
-            let presets = || {
-                by_seed
-                    .iter()
-                    .filter_map(|report| report.presets.get(index))
-            };
-            for (place, scene) in preset.scenes.iter().enumerate() {
-                let averages = presets().filter_map(|p| p.scenes.get(place)?.average);
-                add(&scene.scene, averages.collect());
             }
-            add("average", presets().filter_map(|p| p.average).collect());
         }
         format!(
             "{table}\naverage over the masks of the bad pixels in percent, further than {} px; {} seeds\n",
             self.threshold,
-            by_seed.len()
+            report.seeds.len()
         )
     }
 }
