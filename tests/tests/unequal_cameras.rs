@@ -1,29 +1,12 @@
 //! Unequal cameras on the built-in scene: what exposure and alignment learned on the way must
 //! make up for.
 
-use vgstereo_core::config::{Config, Method, Parameters};
-use vgstereo_core::disparity::DisparityRange;
+use vgstereo_core::config::Method;
 use vgstereo_core::preset::Preset;
 use vgstereo_sim::exposure::Exposure;
-use vgstereo_sim::frame::match_frame;
-use vgstereo_sim::kernels::HostKernels;
-use vgstereo_sim::metrics::BadPixels;
 use vgstereo_sim::render::{RenderOptions, render};
 use vgstereo_sim::scene::Scene;
-use vgstereo_sim::views::Views;
-
-/// Average of the bad pixels over the masks, percent.
-fn bad(parameters: Parameters, scene: &Scene) -> f64 {
-    let views = Views::new(&scene.left, &scene.right, false).unwrap();
-    let config = Config {
-        format: views.format,
-        ..Config::new(parameters, views.width, DisparityRange::up_to(scene.d_max))
-    };
-    let matched = match_frame(&config, &views, HostKernels::fastest(), 1).unwrap();
-    let truth = scene.truth.as_ref().unwrap();
-    let bad = BadPixels::measure(&matched.disparities_q4, truth, 1.0, false);
-    bad.average().unwrap()
-}
+use vgstereo_tests::{bad_percent, mean_bad_percent};
 
 fn exposed(exposure: Exposure) -> Scene {
     render(&RenderOptions {
@@ -50,15 +33,9 @@ fn what_neither_clips_nor_drowns_in_noise_costs_little() {
         ("falling gain", 1.0, -0.8, 0.0, 0.0),
         ("falling gain that clips at first", 1.1, -1.0, 0.0, 0.0),
     ];
-    // How far a blank wall is filled from either side hangs on the synapses drawn.
-    let mean = |preset: Preset, scene: &Scene| {
-        let seeds = 1..=6;
-        let bad = seeds.map(|seed| bad(preset.parameters().with_seed(seed), scene));
-        bad.sum::<f64>() / 6.0
-    };
     let presets = [Preset::Lite, Preset::Micro, Preset::Balanced];
     let equal = exposed(Exposure::EQUAL);
-    let equal = presets.map(|preset| mean(preset, &equal));
+    let equal = presets.map(|preset| mean_bad_percent(preset.parameters(), &equal));
     for (name, gain, gain_gradient, offset, offset_gradient) in exposures {
         let scene = exposed(Exposure {
             gain,
@@ -67,7 +44,7 @@ fn what_neither_clips_nor_drowns_in_noise_costs_little() {
             offset_gradient,
         });
         for (preset, equal) in presets.into_iter().zip(equal) {
-            let cost = mean(preset, &scene) - equal;
+            let cost = mean_bad_percent(preset.parameters(), &scene) - equal;
             // What clips is lost: the blank wall is where the gain is largest.
             let most = if name.contains("clips") { 1.7 } else { 0.65 };
             assert!(cost <= most, "{preset}, {name}: {cost:+.2}");
@@ -83,7 +60,7 @@ fn a_darker_camera_does_not_upset_a_blank_wall() {
         ..Exposure::EQUAL
     });
     let balanced = Preset::Balanced.parameters();
-    let cost = bad(balanced, &darker) - bad(balanced, &exposed(Exposure::EQUAL));
+    let cost = bad_percent(balanced, &darker) - bad_percent(balanced, &exposed(Exposure::EQUAL));
     assert!(cost <= 2.0, "{cost:+.2}");
 }
 
@@ -99,9 +76,9 @@ fn lines_that_lie_too_low_or_too_high_cost_little() {
             if let Method::Aggregation(aggregation) = &mut unmoved.method {
                 aggregation.line_offset_max_q4 = 0;
             }
-            let aligned = bad(moved, &aligned);
-            let cost = bad(moved, &scene) - aligned;
-            let cost_unmoved = bad(unmoved, &scene) - aligned;
+            let aligned = bad_percent(moved, &aligned);
+            let cost = bad_percent(moved, &scene) - aligned;
+            let cost_unmoved = bad_percent(unmoved, &scene) - aligned;
             let what = format!("{preset}, {line_offset_px} px: {cost:+.2} of {cost_unmoved:+.2}");
             assert!(cost <= 2.5 && cost_unmoved >= 4.0 * cost.max(1.0), "{what}");
         }
