@@ -118,6 +118,7 @@ pub mod matcher;
 pub mod matching;
 pub mod memory;
 pub mod minchinton;
+mod neighbours;
 pub mod network;
 pub mod neuron;
 pub mod preset;

@@ -9,6 +9,7 @@
 use crate::config::Config;
 use crate::kernel::Kernels;
 use crate::memory::{Arena, OutOfMemory};
+use crate::neighbours::neighbours;
 use crate::strip::{Order, Strip};
 
 /// The two views' grey once more, smoothed. The newest line stands as it came until the one
@@ -91,16 +92,9 @@ impl<'m> SmoothedStrips<'m> {
 #[inline(always)]
 pub fn smooth_row(rows: [&[u8]; 3], step_max: u8, smoothed: &mut [u8]) {
     let width = smoothed.len();
-    let mut columns = [[&[][..]; 3]; 3];
-    for (column, from) in columns.iter_mut().zip(0..) {
-        for (levels, row) in column.iter_mut().zip(rows) {
-            let Some(run) = row.get(from..from + width) else {
-                return;
-            };
-            *levels = run;
-        }
-    }
-    let [[a, b, c], [d, e, f], [g, h, i]] = columns;
+    let Some([[a, b, c], [d, e, f], [g, h, i]]) = neighbours(rows, width) else {
+        return;
+    };
     // Equal lengths, proven once: no check is left in the loop.
     let (a, b, c) = (&a[..width], &b[..width], &c[..width]);
     let (d, e, f) = (&d[..width], &e[..width], &f[..width]);

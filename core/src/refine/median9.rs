@@ -7,6 +7,7 @@ use super::ring::RowRing;
 use crate::disparity::INVALID;
 use crate::kernel::Kernels;
 use crate::memory::{Arena, OutOfMemory};
+use crate::neighbours::neighbours;
 
 /// A 3 x 3 median over a ring of three rows.
 #[derive(Debug)]
@@ -79,16 +80,9 @@ impl<'m, K: Kernels> Median9<'m, K> {
 #[inline(always)]
 pub fn median9_row(rows: [&[i16]; 3], output: &mut [i16]) {
     let width = output.len();
-    let mut columns = [[&[][..]; 3]; 3];
-    for (column, from) in columns.iter_mut().zip(0..) {
-        for (values, row) in column.iter_mut().zip(rows) {
-            let Some(run) = row.get(from..from + width) else {
-                return;
-            };
-            *values = run;
-        }
-    }
-    let [[a, b, c], [d, e, f], [g, h, i]] = columns;
+    let Some([[a, b, c], [d, e, f], [g, h, i]]) = neighbours(rows, width) else {
+        return;
+    };
     // Equal lengths, proven once: no check is left in the loop.
     let (a, b, c) = (&a[..width], &b[..width], &c[..width]);
     let (d, e, f) = (&d[..width], &e[..width], &f[..width]);
