@@ -159,8 +159,8 @@ pub fn save_scene(folder: &Path, scene: &Scene) -> Result<()> {
     let mut images = vec![
         ("left.png", scene.left.clone().into()),
         ("right.png", scene.right.clone().into()),
+        ("gt_left.png", disparities(&truth.left_px)?),
     ];
-    images.push(("gt_left.png", disparities(&truth.left_px)?));
     if let Some(right_px) = &truth.right_px {
         images.push(("gt_right.png", disparities(right_px)?));
     }
@@ -226,7 +226,7 @@ mod tests {
     use super::*;
     use image::RgbImage;
 
-    /// What is saved is what is loaded, disparities to half a step of 16 bits.
+    /// What is saved is what is loaded, disparities to a step of 16 bits.
     #[test]
     fn a_saved_scene_is_loaded_again() {
         let folder = tempfile::tempdir().unwrap();

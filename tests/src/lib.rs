@@ -122,14 +122,25 @@ impl Pair {
 /// 1 px from it.
 #[must_use]
 pub fn bad_percent(parameters: Parameters, scene: &Scene) -> f64 {
-    let views = Views::new(&scene.left, &scene.right, false).unwrap();
+    bad_percent_beyond(1.0, parameters, scene, false)
+}
+
+/// The same further than a threshold; in grey when asked for.
+#[must_use]
+pub fn bad_percent_beyond(
+    threshold_px: f32,
+    parameters: Parameters,
+    scene: &Scene,
+    grey: bool,
+) -> f64 {
+    let views = Views::new(&scene.left, &scene.right, grey).unwrap();
     let config = Config {
         format: views.format,
         ..Config::new(parameters, views.width, DisparityRange::up_to(scene.d_max))
     };
     let matched = match_frame(&config, &views, HostKernels::fastest(), 1).unwrap();
     let truth = scene.truth.as_ref().unwrap();
-    let bad = BadPixels::measure(&matched.disparities_q4, truth, 1.0, false);
+    let bad = BadPixels::measure(&matched.disparities_q4, truth, threshold_px, false);
     bad.average().unwrap()
 }
 

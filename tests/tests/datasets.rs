@@ -6,14 +6,9 @@
 use std::path::{Path, PathBuf};
 
 use libtest_mimic::{Arguments, Failed, Trial};
-use vgstereo_core::config::Config;
-use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::preset::Preset;
 use vgstereo_sim::dataset::load_scene;
-use vgstereo_sim::frame::match_frame;
-use vgstereo_sim::kernels::HostKernels;
-use vgstereo_sim::metrics::BadPixels;
-use vgstereo_sim::views::Views;
+use vgstereo_tests::bad_percent_beyond;
 
 /// Scene and the largest average of the three masks with the preset `paper`, percent: the
 /// paper's own, read generously as its tables differ.
@@ -111,16 +106,7 @@ fn mean(
     let mut sum = 0.0;
     for scene in scenes {
         let scene = load_scene(&folder.join(scene)).map_err(|error| format!("{error:#}"))?;
-        let views = Views::new(&scene.left, &scene.right, grey).ok_or("too wide")?;
-        let disparities = DisparityRange::up_to(scene.d_max);
-        let config = Config {
-            format: views.format,
-            ..Config::new(preset.parameters(), views.width, disparities)
-        };
-        let matched = match_frame(&config, &views, HostKernels::fastest(), 1)?;
-        let truth = scene.truth.ok_or("no ground truth")?;
-        let bad = BadPixels::measure(&matched.disparities_q4, &truth, threshold_px, false);
-        sum += bad.average().ok_or("no mask")?;
+        sum += bad_percent_beyond(threshold_px, preset.parameters(), &scene, grey);
     }
     Ok(sum / scenes.len() as f64)
 }

@@ -22,6 +22,9 @@ fn lowered(line_offset_px: f32) -> Scene {
     })
 }
 
+/// An exposure whose first lines clip.
+const CLIPPING: &str = "falling gain that clips at first";
+
 #[test]
 fn what_neither_clips_nor_drowns_in_noise_costs_little() {
     let exposures = [
@@ -31,7 +34,7 @@ fn what_neither_clips_nor_drowns_in_noise_costs_little() {
         ("rising black level", 1.0, 0.0, 0.0, 60.0),
         ("falling black level", 1.0, 0.0, 0.0, -60.0),
         ("falling gain", 1.0, -0.8, 0.0, 0.0),
-        ("falling gain that clips at first", 1.1, -1.0, 0.0, 0.0),
+        (CLIPPING, 1.1, -1.0, 0.0, 0.0),
     ];
     let presets = [Preset::Lite, Preset::Micro, Preset::Balanced];
     let equal = exposed(Exposure::EQUAL);
@@ -45,8 +48,13 @@ fn what_neither_clips_nor_drowns_in_noise_costs_little() {
         });
         for (preset, equal) in presets.into_iter().zip(equal) {
             let cost = mean_bad_percent(preset.parameters(), &scene) - equal;
-            // What clips is lost: the blank wall is where the gain is largest.
-            let most = if name.contains("clips") { 1.7 } else { 0.65 };
+            // What clips is lost: the blank wall is where the gain is largest, and `lite` has
+            // no vote to make up for it.
+            let most = if (preset, name) == (Preset::Lite, CLIPPING) {
+                1.7
+            } else {
+                0.65
+            };
             assert!(cost <= most, "{preset}, {name}: {cost:+.2}");
         }
     }

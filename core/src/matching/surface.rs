@@ -203,6 +203,12 @@ impl Sizes {
             + SurfaceMasks::scratch_bytes(config, parameters)
     }
 
+    /// Bytes that the path costs from the right share with [`CostInputs`].
+    const fn right_path_bytes(&self, config: &Config, parameters: &Aggregation) -> usize {
+        let path_bytes = self.width * self.stride;
+        max(path_bytes, self.cost_input_bytes(config, parameters))
+    }
+
     /// Position of the last pixel's lowest disparity.
     const fn last_position(&self, config: &Config) -> usize {
         self.front
@@ -277,13 +283,7 @@ impl SurfaceMatcher<'_, ()> {
             + SurfaceMasks::memory_words(config, parameters)
             + words(synapses + 1, size_of::<u16>())
             + 2 * words(width * sizes.stride, 1)
-            + words(
-                max(
-                    width * sizes.stride,
-                    sizes.cost_input_bytes(config, parameters),
-                ),
-                1,
-            )
+            + words(sizes.right_path_bytes(config, parameters), 1)
             + 2 * words(width, 1)
             + words(path_scratch_bytes(sizes.stride), 1)
             + words(sizes.stride, size_of::<i16>())
@@ -366,10 +366,7 @@ impl<'m, K: Kernels, M: RowMasks> SurfaceMatcher<'m, K, M> {
             masks,
             cell_costs_q8: cell_costs(parameters, arena.take(synapses + 1)?),
             costs: arena.take(width * sizes.stride)?,
-            from_right: arena.take(max(
-                width * sizes.stride,
-                sizes.cost_input_bytes(config, parameters),
-            ))?,
+            from_right: arena.take(sizes.right_path_bytes(config, parameters))?,
             from_above: arena.take(width * sizes.stride)?,
             p2_along: arena.take(width)?,
             p2_down: arena.take(width)?,

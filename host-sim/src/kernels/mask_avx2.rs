@@ -140,7 +140,7 @@ fn in_signed_order(bytes: __m256i) -> __m256i {
 /// There are [`MASK_LANES`] of them.
 #[target_feature(enable = "avx2")]
 #[inline]
-unsafe fn load_at(levels: &[u8], start: usize) -> __m256i {
+pub unsafe fn load_at(levels: &[u8], start: usize) -> __m256i {
     // SAFETY: the load needs no alignment, and the caller promises its bytes.
     unsafe { _mm256_loadu_si256(levels.as_ptr().add(start).cast()) }
 }

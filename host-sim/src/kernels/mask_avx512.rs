@@ -6,7 +6,7 @@ use std::arch::x86_64::*;
 use vgstereo_core::matching::{self, MASK_LANES, MAX_CHANNELS, MaskBlock};
 use vgstereo_core::minchinton::CELLS_PER_BYTE;
 
-use super::mask_avx2::is_inside;
+use super::mask_avx2::{is_inside, load_at};
 
 /// Bytes of a register.
 const LANES: usize = 2 * MASK_LANES;
@@ -61,14 +61,14 @@ fn compare<const CHANNELS: usize>(block: &mut MaskBlock<'_>, thresholds: __m512i
     let mut centres = [_mm512_setzero_si512(); CHANNELS];
     for (centre, levels) in centres.iter_mut().zip(levels) {
         // SAFETY: `is_inside` has shown that the block's pixels are there.
-        *centre = _mm512_broadcast_i64x4(unsafe { load_half(levels, block.centre) });
+        *centre = _mm512_broadcast_i64x4(unsafe { load_at(levels, block.centre) });
     }
     let difference = |starts: &[u32; 2]| {
         let mut sum = _mm512_setzero_si512();
         for (&centre, levels) in centres.iter().zip(levels) {
             let [first, second] = starts.map(|start| start as usize + block.first);
             // SAFETY: and that their samples are.
-            let (first, second) = unsafe { (load_half(levels, first), load_half(levels, second)) };
+            let (first, second) = unsafe { (load_at(levels, first), load_at(levels, second)) };
             let samples = _mm512_inserti64x4::<1>(_mm512_castsi256_si512(first), second);
             // One of the two is 0.
             let difference = _mm512_or_si512(
@@ -187,17 +187,6 @@ fn write_masks(cells: &[[u8; LANES]], thresholds: __m512i, masks: &mut [u8]) {
         // SAFETY: the array has the register's 32 bytes; the store needs no alignment.
         unsafe { _mm256_storeu_si256(mask.as_mut_ptr().cast(), bits) };
     }
-}
-
-/// The pixels from `start` on.
-///
-/// # Safety
-/// There are [`MASK_LANES`] of them.
-#[target_feature(enable = "avx512f,avx512bw,avx512vl")]
-#[inline]
-unsafe fn load_half(levels: &[u8], start: usize) -> __m256i {
-    // SAFETY: the load needs no alignment, and the caller promises its bytes.
-    unsafe { _mm256_loadu_si256(levels.as_ptr().add(start).cast()) }
 }
 
 #[target_feature(enable = "avx512f,avx512bw,avx512vl")]
