@@ -48,8 +48,8 @@ fn what_neither_clips_nor_drowns_in_noise_costs_little() {
         });
         for (preset, equal) in presets.into_iter().zip(equal) {
             let cost = mean_bad_percent(preset.parameters(), &scene) - equal;
-            // What clips is lost: the blank wall is where the gain is largest, and `lite` has
-            // no vote to make up for it.
+            // What clips is lost, and the blank wall is where the gain is largest: `lite` pays
+            // most for that.
             let most = if (preset, name) == (Preset::Lite, CLIPPING) {
                 1.7
             } else {
