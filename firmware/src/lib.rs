@@ -4,7 +4,7 @@
 //! [`LinePairSource`](vgstereo_core::camera::LinePairSource), gives them to a
 //! [`Matcher`](vgstereo_core::matcher::Matcher) and its lines of disparities to a
 //! [`DisparitySink`]. It drops a frame that is not whole, counts what was lost and starts
-//! again at line 0 of the next frame; [`faults`] puts scripted ones in its way. A
+//! again at line 0 of the next frame; [`scripted`] puts scripted ones in its way. A
 //! [`Watchdog`] is fed with each line that is matched. Drivers, pins and clocks are a board's
 //! affair.
 //!
@@ -16,7 +16,7 @@
 #[cfg(test)]
 extern crate std;
 
-pub mod faults;
+pub mod scripted;
 #[cfg(feature = "serial")]
 pub mod serial;
 pub mod session;

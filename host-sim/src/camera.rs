@@ -4,7 +4,7 @@ use image::{DynamicImage, RgbImage};
 use vgstereo_core::camera::{
     ErrorKind, ErrorType, Geometry, Layout, LinePair, LinePairSource, PixelFormat,
 };
-use vgstereo_firmware::faults::Rewind;
+use vgstereo_firmware::scripted::Rewind;
 
 /// Time between lines of [`SimulatedCamera`]: about 30 frames a second at 480 lines.
 pub const LINE_PERIOD_US: u64 = 69;
@@ -209,7 +209,7 @@ mod tests {
     use super::*;
     use image::GrayImage;
     use vgstereo_core::camera::Error;
-    use vgstereo_firmware::faults::{Fault, FaultKind, FaultyCamera};
+    use vgstereo_firmware::scripted::{FaultKind, FaultyCamera, ScriptedFault};
 
     const LAYOUTS: [Layout; 6] = [
         Layout::Separate,
@@ -233,7 +233,7 @@ mod tests {
     }
 
     /// Frame, line and dropped of each pair, or the error, until `count` reads.
-    fn reads(script: &[Fault], count: usize) -> Vec<Result<(u32, u32, u32), ErrorKind>> {
+    fn reads(script: &[ScriptedFault], count: usize) -> Vec<Result<(u32, u32, u32), ErrorKind>> {
         let mut camera = FaultyCamera::new(greys(), script);
         let (mut left, mut right) = ([0; 5], [0; 5]);
         (0..count)
@@ -247,9 +247,9 @@ mod tests {
             .collect()
     }
 
-    fn fault(line: u32, kind: FaultKind) -> Fault {
+    fn fault(line: u32, kind: FaultKind) -> ScriptedFault {
         let frame = 0;
-        Fault { frame, line, kind }
+        ScriptedFault { frame, line, kind }
     }
 
     #[test]

@@ -14,7 +14,7 @@ use vgstereo_boards::pair::Pair;
 use vgstereo_boards::{host, panics, stack, toolchain};
 use vgstereo_core::camera::PixelFormat;
 use vgstereo_core::preset::Preset;
-use vgstereo_firmware::faults::{Fault, FaultKind};
+use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
 
 /// Board, preset, columns, disparities, and KiB that statics and stack may take in all.
 const RAM_KIB: [(Board, Preset, u32, u16, u64); 5] = [
@@ -88,7 +88,7 @@ fn exact_under_every_fault(board: &Board) -> Result<(), Failed> {
         // One in every other frame.
         let script = FaultKind::ALL.into_iter().zip((1..).step_by(2));
         let script: Vec<_> = script
-            .map(|(kind, frame)| Fault { frame, line, kind })
+            .map(|(kind, frame)| ScriptedFault { frame, line, kind })
             .collect();
         exact_under(board, &script)?;
     }
@@ -101,7 +101,7 @@ fn exact_under_random_faults(board: &Board) -> Result<(), Failed> {
         let mut generator = Pcg32::seed_from_u64(seed);
         let mut below = |limit: u32| generator.next_u32() % limit;
         let script: Vec<_> = (0..16)
-            .map(|_| Fault {
+            .map(|_| ScriptedFault {
                 frame: below(12),
                 line: below(height),
                 kind: FaultKind::ALL[below(FaultKind::ALL.len() as u32) as usize],
@@ -114,10 +114,10 @@ fn exact_under_random_faults(board: &Board) -> Result<(), Failed> {
 }
 
 /// All frames that come whole are the undisturbed one; the counters are the host's.
-fn exact_under(board: &Board, script: &[Fault]) -> Result<(), Failed> {
+fn exact_under(board: &Board, script: &[ScriptedFault]) -> Result<(), Failed> {
     let firmware = build(board).map_err(text)?;
     let pair = small_pair();
-    let run = |frames: u32, script: &[Fault]| {
+    let run = |frames: u32, script: &[ScriptedFault]| {
         let request = pair.request(Preset::Lite, frames, script)?;
         let board = emulator::run(board, &firmware, &pair, &request, Clock::Host)?;
         anyhow::Ok((board, host::run(&pair, &request)?))

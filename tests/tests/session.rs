@@ -13,7 +13,7 @@ use vgstereo_core::disparity::{DisparityRange, INVALID};
 use vgstereo_core::kernel::Portable;
 use vgstereo_core::matcher::{DisparityLine, Matcher};
 use vgstereo_core::preset::Preset;
-use vgstereo_firmware::faults::{self, FaultKind, FaultyCamera};
+use vgstereo_firmware::scripted::{FaultKind, FaultyCamera, ScriptedFault};
 use vgstereo_firmware::session::{ATTEMPT_FRAMES, RunError, SessionError, memory_words};
 use vgstereo_firmware::{
     DisparitySink, Event, Fault, FrameInfo, NoWatchdog, Session, Statistics, Watchdog,
@@ -177,8 +177,8 @@ fn run_until<C: LinePairSource>(
     }
 }
 
-fn scripted(frame: u32, line: u32, kind: FaultKind) -> faults::Fault {
-    faults::Fault { frame, line, kind }
+fn scripted(frame: u32, line: u32, kind: FaultKind) -> ScriptedFault {
+    ScriptedFault { frame, line, kind }
 }
 
 fn counter(statistics: &mut Statistics, kind: ErrorKind) -> &mut u32 {

@@ -6,7 +6,7 @@ use anyhow::{Result, anyhow};
 use vgstereo_core::camera::LinePairSource;
 use vgstereo_core::matcher::{DisparityLine, Matcher};
 use vgstereo_emulated::Request;
-use vgstereo_firmware::faults::FaultyCamera;
+use vgstereo_firmware::scripted::FaultyCamera;
 use vgstereo_firmware::{DisparitySink, Fault, FrameInfo, Session, Statistics, session};
 use vgstereo_sim::kernels::HostKernels;
 

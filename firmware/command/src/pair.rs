@@ -10,7 +10,7 @@ use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::preset::Preset;
 use vgstereo_emulated::Request;
 use vgstereo_emulated::request::MAX_FAULTS;
-use vgstereo_firmware::faults::Fault;
+use vgstereo_firmware::scripted::ScriptedFault;
 use vgstereo_sim::camera::SimulatedCamera;
 use vgstereo_sim::dataset::load_scene;
 use vgstereo_sim::render::{RenderOptions, render};
@@ -114,7 +114,12 @@ impl Pair {
     ///
     /// # Errors
     /// As [`Pair::camera`]; when there are more faults than a board takes.
-    pub fn request(&self, preset: Preset, frames: u32, faults: &[Fault]) -> Result<Request> {
+    pub fn request(
+        &self,
+        preset: Preset,
+        frames: u32,
+        faults: &[ScriptedFault],
+    ) -> Result<Request> {
         let mut request = Request {
             preset,
             hamming_alone: false,

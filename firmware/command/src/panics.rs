@@ -19,7 +19,7 @@ const PIPELINE: [&str; 2] = ["/core/src/", "/firmware/src/"];
 
 /// Sources of what reads the command line, holds the files and writes the report.
 const AROUND: [&str; 3] = [
-    "/firmware/src/faults.rs",
+    "/firmware/src/scripted.rs",
     "/firmware/emulated/src/",
     "/firmware/boards/",
 ];

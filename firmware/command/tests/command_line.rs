@@ -37,7 +37,7 @@ fn help_names_every_verb_and_option() {
         .get_output()
         .clone();
     let help = String::from_utf8(output.stdout).unwrap();
-    for kind in vgstereo_firmware::faults::FaultKind::ALL {
+    for kind in vgstereo_firmware::scripted::FaultKind::ALL {
         assert!(help.contains(kind.name()), "{}: {help}", kind.name());
     }
 }

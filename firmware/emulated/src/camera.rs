@@ -3,7 +3,7 @@
 use semihosting::fs::File;
 use semihosting::io::{Read, Seek, SeekFrom};
 use vgstereo_core::camera::{ErrorKind, ErrorType, Geometry, LinePair, LinePairSource};
-use vgstereo_firmware::faults::Rewind;
+use vgstereo_firmware::scripted::Rewind;
 
 /// Reads pairs of lines, each when it is asked for: no more than a pair is ever in memory.
 /// Frames are numbered from 0; lines have no time.

@@ -8,7 +8,7 @@ use vgstereo_core::camera::{Geometry, PixelFormat};
 use vgstereo_core::config::{Config, Method};
 use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::preset::Preset;
-use vgstereo_firmware::faults::Fault;
+use vgstereo_firmware::scripted::ScriptedFault;
 use vgstereo_firmware::session;
 
 /// Cells of the patterns where Hamming distances alone are asked for.
@@ -32,7 +32,7 @@ pub struct Request {
     /// Whole frames to deliver.
     pub frames: u32,
     /// What goes wrong on the way.
-    pub faults: Vec<Fault, MAX_FAULTS>,
+    pub faults: Vec<ScriptedFault, MAX_FAULTS>,
 }
 
 impl Request {
@@ -159,7 +159,7 @@ mod tests {
     use std::format;
     use std::string::ToString;
     use vgstereo_core::camera::ErrorKind;
-    use vgstereo_firmware::faults::FaultKind;
+    use vgstereo_firmware::scripted::FaultKind;
 
     #[test]
     fn requests_are_read_as_they_are_written() {
@@ -185,7 +185,11 @@ mod tests {
                 assert_eq!(request.to_string().parse(), Ok(request.clone()));
                 let kind = FaultKind::Error(ErrorKind::Bus);
                 let (frame, line) = (u32::MAX, u32::MAX);
-                while request.faults.push(Fault { frame, line, kind }).is_ok() {}
+                while request
+                    .faults
+                    .push(ScriptedFault { frame, line, kind })
+                    .is_ok()
+                {}
                 assert_eq!(request.to_string().parse(), Ok(request.clone()));
                 let one_more = format!("{request} fault=1:1:overrun");
                 assert_eq!(one_more.parse::<Request>(), Err(NotARequest));

@@ -9,7 +9,7 @@ use semihosting::process;
 use semihosting::sys::arm_compat::sys_get_cmdline_uninit;
 use vgstereo_core::kernel::Kernels;
 use vgstereo_core::matcher::Matcher;
-use vgstereo_firmware::faults::FaultyCamera;
+use vgstereo_firmware::scripted::FaultyCamera;
 use vgstereo_firmware::session::{self, ATTEMPT_FRAMES};
 use vgstereo_firmware::{Event, Session, Statistics};
 

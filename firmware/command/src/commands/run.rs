@@ -8,7 +8,7 @@ use clap::Args;
 use vgstereo_core::camera::PixelFormat;
 use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::preset::Preset;
-use vgstereo_firmware::faults::{Fault, NotAFault};
+use vgstereo_firmware::scripted::{NotAFault, ScriptedFault};
 use vgstereo_sim::commands::parse_preset;
 use vgstereo_sim::disparity_files::DisparityFormat;
 use vgstereo_sim::files::{read_image, write_files};
@@ -58,7 +58,7 @@ pub struct Run {
     frames: u32,
     /// A fault of the camera; may be repeated.
     #[arg(long, value_name = "FAULT", value_parser = parse_fault)]
-    fault: Vec<Fault>,
+    fault: Vec<ScriptedFault>,
     /// Disparity map to write: .png or .pgm (value = disparity x scale, 0 = none), or .pfm
     /// (px, infinity = none).
     #[arg(long, value_name = "FILE")]
@@ -147,6 +147,6 @@ impl Run {
     }
 }
 
-fn parse_fault(text: &str) -> Result<Fault, String> {
+fn parse_fault(text: &str) -> Result<ScriptedFault, String> {
     text.parse().map_err(|error: NotAFault| error.to_string())
 }

@@ -66,7 +66,7 @@ impl FaultKind {
 /// An entry of a [`FaultyCamera`]'s script; as text, `FRAME:LINE:KIND`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Fault {
+pub struct ScriptedFault {
     /// Frame in which it happens.
     pub frame: u32,
     /// Line at which it happens.
@@ -75,7 +75,7 @@ pub struct Fault {
     pub kind: FaultKind,
 }
 
-impl fmt::Display for Fault {
+impl fmt::Display for ScriptedFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}:{}:{}", self.frame, self.line, self.kind.name())
     }
@@ -98,7 +98,7 @@ impl fmt::Display for NotAFault {
 
 impl core::error::Error for NotAFault {}
 
-impl FromStr for Fault {
+impl FromStr for ScriptedFault {
     type Err = NotAFault;
 
     fn from_str(text: &str) -> Result<Self, NotAFault> {
@@ -152,7 +152,7 @@ pub struct FaultyCamera<C, S> {
     again: u32,
 }
 
-impl<C: LinePairSource + Rewind, S: AsRef<[Fault]>> FaultyCamera<C, S> {
+impl<C: LinePairSource + Rewind, S: AsRef<[ScriptedFault]>> FaultyCamera<C, S> {
     /// Wraps a camera. Of several faults at one pair, the first in the script counts.
     pub fn new(camera: C, script: S) -> Self {
         Self {
@@ -190,7 +190,7 @@ impl<C: LinePairSource, S> ErrorType for FaultyCamera<C, S> {
     type Error = FaultyError<C::Error>;
 }
 
-impl<C: LinePairSource + Rewind, S: AsRef<[Fault]>> LinePairSource for FaultyCamera<C, S> {
+impl<C: LinePairSource + Rewind, S: AsRef<[ScriptedFault]>> LinePairSource for FaultyCamera<C, S> {
     fn geometry(&self) -> Geometry {
         self.camera.geometry()
     }
@@ -240,10 +240,10 @@ mod tests {
     fn faults_are_read_as_they_are_written() {
         for kind in FaultKind::ALL {
             let (frame, line) = (7, 4_000_000_000);
-            let fault = Fault { frame, line, kind };
+            let fault = ScriptedFault { frame, line, kind };
             assert_eq!(fault.to_string().parse(), Ok(fault));
         }
-        assert_eq!("1:2:overrun".parse::<Fault>().unwrap().line, 2);
+        assert_eq!("1:2:overrun".parse::<ScriptedFault>().unwrap().line, 2);
         for text in [
             "",
             "1",
@@ -253,7 +253,7 @@ mod tests {
             "1:2:overrun:3",
             "x:2:overrun",
         ] {
-            assert_eq!(text.parse::<Fault>(), Err(NotAFault), "{text}");
+            assert_eq!(text.parse::<ScriptedFault>(), Err(NotAFault), "{text}");
         }
         assert!(NotAFault.to_string().ends_with("bus-error, other-error"));
     }
