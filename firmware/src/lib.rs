@@ -16,13 +16,13 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod fault;
 pub mod scripted;
-#[cfg(feature = "serial")]
-pub mod serial;
 pub mod session;
 pub mod sink;
 pub mod watchdog;
 
-pub use session::{Event, Fault, Session, Statistics};
+pub use fault::Fault;
+pub use session::{Event, Session, Statistics};
 pub use sink::{DisparitySink, FrameInfo};
 pub use watchdog::{NoWatchdog, Watchdog};

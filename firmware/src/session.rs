@@ -10,9 +10,10 @@ use core::fmt;
 use vgstereo_core::camera::{Error, ErrorKind, Geometry, LinePair, LinePairSource, PixelFormat};
 use vgstereo_core::config::Region;
 use vgstereo_core::kernel::Kernels;
-use vgstereo_core::matcher::{Matcher, PushError};
+use vgstereo_core::matcher::Matcher;
 use vgstereo_core::memory::{Arena, OutOfMemory, words};
 
+use crate::fault::Fault;
 use crate::sink::{DisparitySink, FrameInfo};
 use crate::watchdog::{NoWatchdog, Watchdog};
 
@@ -88,32 +89,6 @@ impl core::error::Error for SessionError {}
 impl From<OutOfMemory> for SessionError {
     fn from(error: OutOfMemory) -> Self {
         Self::Memory(error)
-    }
-}
-
-/// Why a frame was dropped or synchronisation lost.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[non_exhaustive]
-pub enum Fault {
-    /// The camera reported an error.
-    Camera(ErrorKind),
-    /// The camera delivered another pair than the next one.
-    Sequence,
-    /// The matcher refused the pair.
-    Matcher(PushError),
-    /// The sink reported an error.
-    Sink,
-}
-
-impl fmt::Display for Fault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Camera(kind) => kind.fmt(f),
-            Self::Sequence => f.write_str("the camera delivered another line than the next"),
-            Self::Matcher(error) => error.fmt(f),
-            Self::Sink => f.write_str("the sink failed"),
-        }
     }
 }
 

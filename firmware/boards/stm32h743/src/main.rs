@@ -25,7 +25,7 @@ use vgstereo_core::config::Config;
 use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::matcher::Matcher;
 use vgstereo_core::preset::Preset;
-use vgstereo_firmware::serial::{SerialSink, packet_bytes};
+use vgstereo_firmware::sink::serial::{SerialSink, packet_bytes};
 use vgstereo_firmware::{Event, Session, Watchdog, session};
 
 use crate::camera::StereoCamera;

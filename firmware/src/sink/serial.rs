@@ -9,8 +9,8 @@ use embedded_io::Write;
 use serde::{Deserialize, Serialize};
 use vgstereo_core::matcher::DisparityLine;
 
-use crate::session::Fault;
-use crate::sink::{DisparitySink, FrameInfo};
+use super::{DisparitySink, FrameInfo};
+use crate::fault::Fault;
 
 /// What is sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

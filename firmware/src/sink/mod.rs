@@ -1,9 +1,12 @@
 //! Sinks: where lines of disparities go.
 
+#[cfg(feature = "serial")]
+pub mod serial;
+
 use vgstereo_core::config::Region;
 use vgstereo_core::matcher::DisparityLine;
 
-use crate::session::Fault;
+use crate::fault::Fault;
 
 /// A frame of disparities, as a sink is told of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,0 +1,51 @@
+//! Faults: why a frame was dropped.
+
+use core::fmt;
+
+use vgstereo_core::camera::ErrorKind;
+use vgstereo_core::matcher::PushError;
+
+/// Why a frame was dropped or synchronisation with the camera was lost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum Fault {
+    /// The camera reported an error of this kind.
+    Camera(ErrorKind),
+    /// The camera delivered another pair of lines than the expected one.
+    Sequence,
+    /// The matcher refused the pair of lines.
+    Matcher(PushError),
+    /// The sink reported an error.
+    Sink,
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Camera(kind) => kind.fmt(f),
+            Self::Sequence => f.write_str("the camera delivered another line than the next"),
+            Self::Matcher(error) => error.fmt(f),
+            Self::Sink => f.write_str("the sink failed"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::string::ToString;
+
+    #[test]
+    fn a_fault_says_what_failed() {
+        for (fault, cause) in [
+            (Fault::Camera(ErrorKind::Timeout), "time allowed"),
+            (Fault::Sequence, "another line"),
+            (Fault::Matcher(PushError::TooManyLines), "too many lines"),
+            (Fault::Sink, "sink"),
+        ] {
+            let text = fault.to_string();
+            assert!(text.contains(cause), "{text}");
+        }
+    }
+}
