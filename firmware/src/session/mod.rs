@@ -5,13 +5,17 @@
 //! forgets it, the sink is told, and the session searches for line 0 of a frame it has
 //! not seen. That frame's disparities do not depend on what went before.
 
-use core::fmt;
+mod error;
+mod event;
 
-use vgstereo_core::camera::{Error, ErrorKind, Geometry, LinePair, LinePairSource, PixelFormat};
+pub use error::{RunError, SessionError};
+pub use event::Event;
+
+use vgstereo_core::camera::{Error, ErrorKind, Geometry, LinePair, LinePairSource};
 use vgstereo_core::config::Region;
 use vgstereo_core::kernel::Kernels;
 use vgstereo_core::matcher::Matcher;
-use vgstereo_core::memory::{Arena, OutOfMemory, words};
+use vgstereo_core::memory::{Arena, words};
 
 use crate::fault::Fault;
 use crate::sink::{DisparitySink, FrameInfo};
@@ -27,139 +31,6 @@ pub const ATTEMPT_FRAMES: u32 = 4;
 pub const fn memory_words(geometry: &Geometry) -> usize {
     2 * words(geometry.line_bytes(), 1)
 }
-
-/// Why a session is refused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[non_exhaustive]
-pub enum SessionError {
-    /// The camera's lines and the matcher's differ in width.
-    Width {
-        /// Pixels of the camera's lines.
-        camera_px: u16,
-        /// Pixels of the lines that the matcher is configured for.
-        matcher_px: u16,
-    },
-    /// The camera's lines and the matcher's differ in how pixels are stored.
-    Format {
-        /// Of the camera's lines.
-        camera: PixelFormat,
-        /// Of the lines that the matcher is configured for.
-        matcher: PixelFormat,
-    },
-    /// The camera's frames end above the first line of the matcher's region.
-    Height {
-        /// Lines of the camera's frames.
-        camera_lines: u32,
-        /// First line of the region.
-        first_line: u32,
-    },
-    /// The lent memory is smaller than [`memory_words`].
-    Memory(OutOfMemory),
-}
-
-impl fmt::Display for SessionError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Width {
-                camera_px,
-                matcher_px,
-            } => write!(
-                f,
-                "the camera's lines have {camera_px} px, the matcher's {matcher_px} px"
-            ),
-            Self::Format { camera, matcher } => write!(
-                f,
-                "the camera's pixels are {camera:?}, the matcher's {matcher:?}"
-            ),
-            Self::Height {
-                camera_lines,
-                first_line,
-            } => write!(
-                f,
-                "the camera's frames have {camera_lines} lines, the region begins at line {first_line}"
-            ),
-            Self::Memory(error) => error.fmt(f),
-        }
-    }
-}
-
-impl core::error::Error for SessionError {}
-
-impl From<OutOfMemory> for SessionError {
-    fn from(error: OutOfMemory) -> Self {
-        Self::Memory(error)
-    }
-}
-
-/// What became of one read of the camera.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[non_exhaustive]
-pub enum Event {
-    /// The pair was the next one and was matched.
-    Line {
-        /// The pair's frame.
-        frame: u32,
-        /// The pair's line.
-        line: u32,
-    },
-    /// The pair was the last of its frame: all its disparities are at the sink. Also
-    /// given instead of [`Event::Resync`] when frames have a single line.
-    FrameDone {
-        /// The frame.
-        frame: u32,
-    },
-    /// The pair was not the next one, but the first of a later frame, which has begun
-    /// with it. The frame that was being read, if any, is dropped.
-    Resync {
-        /// The frame begun.
-        frame: u32,
-    },
-    /// The pair was left out, because the frame it belongs to is dropped already or did
-    /// not begin with line 0.
-    Skipped {
-        /// The pair's frame.
-        frame: u32,
-        /// The pair's line.
-        line: u32,
-    },
-    /// There is no pair or none of use. The frame that was being read, if any, is dropped.
-    Fault(Fault),
-}
-
-/// Why [`Session::run_frame`] gave up.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[non_exhaustive]
-pub enum RunError<E> {
-    /// No frame came whole.
-    Attempts {
-        /// Reads of the camera.
-        reads: u32,
-        /// The last fault among them.
-        last_fault: Option<Fault>,
-    },
-    /// The sink failed; the frame is dropped.
-    Sink(E),
-}
-
-impl<E: fmt::Display> fmt::Display for RunError<E> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Attempts { reads, last_fault } => {
-                write!(f, "no frame came whole in {reads} reads of the camera")?;
-                match last_fault {
-                    Some(fault) => write!(f, "; last fault: {fault}"),
-                    None => Ok(()),
-                }
-            }
-            Self::Sink(error) => error.fmt(f),
-        }
-    }
-}
-
-impl<E: fmt::Debug + fmt::Display> core::error::Error for RunError<E> {}
 
 /// What a session has seen since it began. All counters saturate.
 ///
@@ -553,7 +424,7 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::string::ToString;
+    use vgstereo_core::camera::PixelFormat;
 
     #[test]
     fn memory_of_the_line_buffers() {
@@ -601,30 +472,5 @@ mod tests {
         assert_eq!(statistics.errors(ErrorKind::Other), u32::MAX);
         assert_eq!(statistics.other_errors, u32::MAX);
         assert_eq!(statistics.errors(ErrorKind::Bus), 0);
-    }
-
-    #[test]
-    fn errors_say_what_was_wrong() {
-        let error = RunError::<SessionError>::Attempts {
-            reads: 8,
-            last_fault: Some(Fault::Camera(ErrorKind::Timeout)),
-        };
-        let text = error.to_string();
-        assert!(
-            text.contains("8 reads") && text.contains("time allowed"),
-            "{text}"
-        );
-        let error = RunError::Sink(SessionError::Width {
-            camera_px: 320,
-            matcher_px: 640,
-        });
-        let text = error.to_string();
-        assert!(text.contains("320 px") && text.contains("640 px"), "{text}");
-        let error = SessionError::Format {
-            camera: PixelFormat::Rgb565,
-            matcher: PixelFormat::Grey8,
-        };
-        let text = error.to_string();
-        assert!(text.contains("Rgb565") && text.contains("Grey8"), "{text}");
     }
 }

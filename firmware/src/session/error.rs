@@ -1,0 +1,155 @@
+//! Errors: why a session is refused, and why a run gave up.
+
+use core::fmt;
+
+use vgstereo_core::camera::PixelFormat;
+use vgstereo_core::memory::OutOfMemory;
+
+use crate::fault::Fault;
+
+/// Why a session is refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum SessionError {
+    /// The camera's lines and the matcher's differ in width.
+    Width {
+        /// Width of the camera's lines, in pixels.
+        camera_px: u16,
+        /// Width of the lines that the matcher is configured for, in pixels.
+        matcher_px: u16,
+    },
+    /// The camera's lines and the matcher's differ in how a pixel is stored.
+    Format {
+        /// Pixel format of the camera's lines.
+        camera: PixelFormat,
+        /// Pixel format of the lines that the matcher is configured for.
+        matcher: PixelFormat,
+    },
+    /// The camera's frames end above the first line of the matcher's region.
+    Height {
+        /// Height of the camera's frames, in lines.
+        camera_lines: u32,
+        /// Number of the region's first line, counted from 0 at the top of the frame.
+        first_line: u32,
+    },
+    /// The lent memory has fewer words than [`memory_words`](super::memory_words) asks for.
+    Memory(OutOfMemory),
+}
+
+impl fmt::Display for SessionError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Width {
+                camera_px,
+                matcher_px,
+            } => write!(
+                f,
+                "the camera's lines have {camera_px} px, the matcher's {matcher_px} px"
+            ),
+            Self::Format { camera, matcher } => write!(
+                f,
+                "the camera's pixels are {camera:?}, the matcher's {matcher:?}"
+            ),
+            Self::Height {
+                camera_lines,
+                first_line,
+            } => write!(
+                f,
+                "the camera's frames have {camera_lines} lines, the region begins at line {first_line}"
+            ),
+            Self::Memory(error) => error.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for SessionError {}
+
+impl From<OutOfMemory> for SessionError {
+    fn from(error: OutOfMemory) -> Self {
+        Self::Memory(error)
+    }
+}
+
+/// Why [`Session::run_frame`](super::Session::run_frame) gave up. `E` is the sink's error.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum RunError<E> {
+    /// No frame came whole.
+    Attempts {
+        /// Number of times that the camera was read.
+        reads: u32,
+        /// Fault of the latest of these reads that had one; `None` if none had.
+        last_fault: Option<Fault>,
+    },
+    /// The sink failed with this error; the frame is dropped.
+    Sink(E),
+}
+
+impl<E: fmt::Display> fmt::Display for RunError<E> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Attempts { reads, last_fault } => {
+                write!(f, "no frame came whole in {reads} reads of the camera")?;
+                match last_fault {
+                    Some(fault) => write!(f, "; last fault: {fault}"),
+                    None => Ok(()),
+                }
+            }
+            Self::Sink(error) => error.fmt(f),
+        }
+    }
+}
+
+impl<E: fmt::Debug + fmt::Display> core::error::Error for RunError<E> {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::string::ToString;
+
+    #[test]
+    fn a_refusal_says_what_does_not_fit() {
+        let (camera, matcher) = (PixelFormat::Rgb565, PixelFormat::Grey8);
+        for (error, parts) in [
+            (
+                SessionError::Width {
+                    camera_px: 320,
+                    matcher_px: 640,
+                },
+                ["320 px", "640 px"],
+            ),
+            (
+                SessionError::Format { camera, matcher },
+                ["Rgb565", "Grey8"],
+            ),
+            (
+                SessionError::Height {
+                    camera_lines: 480,
+                    first_line: 500,
+                },
+                ["480 lines", "line 500"],
+            ),
+            (OutOfMemory.into(), ["memory", "smaller"]),
+        ] {
+            let text = error.to_string();
+            assert!(parts.iter().all(|part| text.contains(part)), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_run_that_gave_up_tells_its_reads_and_its_last_fault() {
+        let gave_up = |last_fault| {
+            let reads = 8;
+            RunError::<Fault>::Attempts { reads, last_fault }.to_string()
+        };
+        let text = gave_up(Some(Fault::Sequence));
+        assert!(text.contains("8 reads"), "{text}");
+        assert!(text.ends_with(&Fault::Sequence.to_string()), "{text}");
+        let text = gave_up(None);
+        assert!(text.ends_with("8 reads of the camera"), "{text}");
+        let sink = RunError::Sink(Fault::Sequence).to_string();
+        assert_eq!(sink, Fault::Sequence.to_string());
+    }
+}
