@@ -7,6 +7,7 @@
 
 mod error;
 mod event;
+pub mod sync;
 
 pub use error::{RunError, SessionError};
 pub use event::Event;
