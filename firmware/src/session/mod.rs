@@ -1,18 +1,21 @@
 //! The session: one camera, one matcher, one sink, and what to do when a frame breaks.
 //!
-//! Pairs must come numbered 0, 1, 2, ... to the last line of the frame. Whatever else
-//! comes - an error, a gap, a pair twice, another frame - drops the frame: the matcher
-//! forgets it, the sink is told, and the session searches for line 0 of a frame it has
-//! not seen. That frame's disparities do not depend on what went before.
+//! Pairs of lines must come numbered 0, 1, 2, ... to the last line of the frame. Anything
+//! else - an error, a gap, a pair that comes twice, a pair of another frame - drops the
+//! frame: the matcher forgets it, the sink is told, and the session searches for line 0 of
+//! a frame that it has not seen. The disparities of that frame do not depend on what came
+//! before. [`sync`] decides which pair is which; the session carries that out.
 
 mod error;
 mod event;
+mod statistics;
 pub mod sync;
 
 pub use error::{RunError, SessionError};
 pub use event::Event;
+pub use statistics::Statistics;
 
-use vgstereo_core::camera::{Error, ErrorKind, Geometry, LinePair, LinePairSource};
+use vgstereo_core::camera::{Error, Geometry, LinePair, LinePairSource};
 use vgstereo_core::config::Region;
 use vgstereo_core::kernel::Kernels;
 use vgstereo_core::matcher::Matcher;
@@ -21,119 +24,24 @@ use vgstereo_core::memory::{Arena, words};
 use crate::fault::Fault;
 use crate::sink::{DisparitySink, FrameInfo};
 use crate::watchdog::{NoWatchdog, Watchdog};
+use sync::{Action, FrameSync};
 
-/// [`Session::run_frame`] gives up after this many frames' worth of reads: the rest of
-/// the frame that the camera is in, two broken frames and a whole one.
+/// Number of frames' worth of reads after which [`Session::run_frame`] gives up: the rest
+/// of the frame that the camera is in, two broken frames and a whole one.
 pub const ATTEMPT_FRAMES: u32 = 4;
 
-/// Words of 32 bits that [`Session::new`] takes, besides the matcher's own: two lines as
-/// the camera delivers them, each rounded up to words.
+/// Returns the number of 32-bit words that [`Session::new`] takes besides the matcher's
+/// own: two lines as the camera delivers them, each rounded up to whole words.
 #[must_use]
 pub const fn memory_words(geometry: &Geometry) -> usize {
     2 * words(geometry.line_bytes(), 1)
 }
 
-/// What a session has seen since it began. All counters saturate.
+/// Connects a camera to a matcher and a sink, and feeds a watchdog as long as lines are
+/// matched.
 ///
-/// `lines + lines_dropped` is the number of pairs that the camera delivered or knows to
-/// have lost between deliveries.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[non_exhaustive]
-pub struct Statistics {
-    /// Frames whose disparities are all at the sink.
-    pub frames: u32,
-    /// Frames that are not, from the frame of the first pair delivered: begun and
-    /// dropped, or missed as the numbers tell. A frame of which nothing came is counted
-    /// when a later one is seen.
-    pub frames_dropped: u32,
-    /// Pairs given to the matcher, those of dropped frames too.
-    pub lines: u32,
-    /// Pairs lost by the camera ([`LinePair::dropped`]) or delivered and left out.
-    pub lines_dropped: u32,
-    /// Times that another pair than the next one came, with no error to tell of it.
-    pub sequence_breaks: u32,
-    /// Errors of kind [`ErrorKind::Overrun`].
-    pub overruns: u32,
-    /// Errors of kind [`ErrorKind::SyncLost`].
-    pub sync_losses: u32,
-    /// Errors of kind [`ErrorKind::ShortLine`].
-    pub short_lines: u32,
-    /// Errors of kind [`ErrorKind::ShortFrame`].
-    pub short_frames: u32,
-    /// Errors of kind [`ErrorKind::Timeout`].
-    pub timeouts: u32,
-    /// Errors of kind [`ErrorKind::Bus`].
-    pub bus_errors: u32,
-    /// Errors of any other kind.
-    pub other_errors: u32,
-    /// Errors of the sink.
-    pub sink_errors: u32,
-}
-
-impl Statistics {
-    /// Errors of the camera of kind `kind`; a kind without a counter shares that of
-    /// [`ErrorKind::Other`].
-    #[must_use]
-    pub fn errors(mut self, kind: ErrorKind) -> u32 {
-        *self.counter(kind)
-    }
-
-    fn counter(&mut self, kind: ErrorKind) -> &mut u32 {
-        match kind {
-            ErrorKind::Overrun => &mut self.overruns,
-            ErrorKind::SyncLost => &mut self.sync_losses,
-            ErrorKind::ShortLine => &mut self.short_lines,
-            ErrorKind::ShortFrame => &mut self.short_frames,
-            ErrorKind::Timeout => &mut self.timeouts,
-            ErrorKind::Bus => &mut self.bus_errors,
-            _ => &mut self.other_errors,
-        }
-    }
-}
-
-fn count(counter: &mut u32, times: u32) {
-    *counter = counter.saturating_add(times);
-}
-
-/// What the session expects next.
-#[derive(Debug, Clone, Copy)]
-enum State {
-    /// Line 0 of whatever frame; other lines are no fault.
-    Searching,
-    /// Line 0 of the frame after the one finished last.
-    Between,
-    /// Line `next_line` of the frame.
-    Reading { info: FrameInfo, next_line: u32 },
-}
-
-/// The first frame that is neither finished nor counted as dropped.
-#[derive(Debug, Clone, Copy)]
-struct NextFrame(Option<u32>);
-
-impl NextFrame {
-    /// Whether `frame` is finished or dropped: its lines, line 0 too, are of no use.
-    fn is_past(self, frame: u32) -> bool {
-        self.0.is_some_and(|next| frame == next.wrapping_sub(1))
-    }
-
-    /// Whether `frame` follows the one before without a gap.
-    fn is(self, frame: u32) -> bool {
-        self.0.is_none_or(|next| frame == next)
-    }
-
-    /// Goes on to `frame`; returns how many were missed. A number from before, as after a
-    /// restart of the camera, misses none.
-    fn go_to(&mut self, frame: u32) -> u32 {
-        let missed = self.0.map_or(0, |next| frame.wrapping_sub(next));
-        self.0 = Some(frame);
-        if missed <= u32::MAX / 2 { missed } else { 0 }
-    }
-}
-
-/// Connects a camera to a matcher and a sink, and feeds a watchdog as long as that goes on.
-///
-/// Nothing waits but the camera, whose every wait is bounded, and the sink.
+/// A session waits only where the camera does, whose every wait is bounded, and where the
+/// sink does.
 #[derive(Debug)]
 pub struct Session<'m, C, K, S, W = NoWatchdog> {
     camera: C,
@@ -143,17 +51,19 @@ pub struct Session<'m, C, K, S, W = NoWatchdog> {
     geometry: Geometry,
     left: &'m mut [u8],
     right: &'m mut [u8],
-    state: State,
-    next_frame: NextFrame,
+    sync: FrameSync,
+    /// The frame that was begun last; its end is told with it.
+    info: FrameInfo,
     statistics: Statistics,
 }
 
 impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink> Session<'m, C, K, S> {
-    /// Begins a session, in at least [`memory_words`] of lent memory. What the matcher
-    /// had of a frame is forgotten. Pass `&mut camera` or `&mut sink` to keep them.
+    /// Returns a session without a watchdog. It takes at least [`memory_words`] of lent
+    /// memory. The matcher forgets the frame that it may be in. Pass `&mut camera` or
+    /// `&mut sink` to use them again after the session.
     ///
     /// # Errors
-    /// [`SessionError`] when the camera's geometry does not suit the matcher or the
+    /// [`SessionError`] when the camera's geometry does not suit the matcher or the lent
     /// memory is too small.
     pub fn new(
         camera: C,
@@ -166,12 +76,13 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink> Session<'m, C, K, S> {
 }
 
 impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'m, C, K, S, W> {
-    /// The same as [`Session::new`] with a watchdog, which runs already or is started
-    /// before the first step; pass `&mut watchdog` to keep it. [`Watchdog`] tells when it is
-    /// fed.
+    /// Returns a session as [`Session::new`] does, with a watchdog, which runs already or is
+    /// started before the first step. [`Watchdog`] tells when it is fed. Pass
+    /// `&mut watchdog` to use it again after the session.
     ///
     /// # Errors
-    /// As [`Session::new`].
+    /// [`SessionError`] when the camera's geometry does not suit the matcher or the lent
+    /// memory is too small.
     pub fn with_watchdog(
         camera: C,
         mut matcher: Matcher<'m, K>,
@@ -193,12 +104,17 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
                 matcher: config.format,
             });
         }
-        if geometry.height <= config.region.y {
+        let region = config.region;
+        if geometry.height <= region.y {
             return Err(SessionError::Height {
                 camera_lines: geometry.height,
-                first_line: config.region.y,
+                first_line: region.y,
             });
         }
+        let region = Region {
+            height: region.height.min(geometry.height.saturating_sub(region.y)),
+            ..region
+        };
         let mut arena = Arena::new(memory);
         let line_bytes = geometry.line_bytes();
         matcher.reset();
@@ -210,56 +126,62 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
             geometry,
             left: arena.take(line_bytes)?,
             right: arena.take(line_bytes)?,
-            state: State::Searching,
-            next_frame: NextFrame(None),
+            sync: FrameSync::new(geometry.height),
+            info: FrameInfo {
+                frame: 0,
+                timestamp_us: 0,
+                region,
+            },
             statistics: Statistics::default(),
         })
     }
 
-    /// What was seen so far.
+    /// Returns what the session has counted since it began.
     #[must_use]
     pub fn statistics(&self) -> Statistics {
         self.statistics
     }
 
-    /// The camera.
+    /// Returns the camera.
     #[must_use]
     pub fn camera(&self) -> &C {
         &self.camera
     }
 
-    /// The sink.
+    /// Returns the sink.
     #[must_use]
     pub fn sink(&self) -> &S {
         &self.sink
     }
 
-    /// The sink, to take from it what it has collected.
+    /// Returns the sink mutably, for callers that take from it what it has collected.
     #[must_use]
     pub fn sink_mut(&mut self) -> &mut S {
         &mut self.sink
     }
 
-    /// Ends the session. A frame that is being read is neither ended nor aborted.
+    /// Ends the session and returns its parts. A frame that is being read is neither ended
+    /// nor aborted at the sink.
     #[must_use]
     pub fn into_parts(self) -> (C, Matcher<'m, K>, S) {
         (self.camera, self.matcher, self.sink)
     }
 
-    /// Reads the camera once and deals with what comes. The last pair of a frame also
-    /// gives the [`latency_lines`] lines still to come, within the gap between frames.
+    /// Reads the camera once, deals with what comes and returns what became of it. The last
+    /// pair of a frame also brings the [`latency_lines`] lines of disparities still to come,
+    /// within the gap between frames.
     ///
     /// [`latency_lines`]: vgstereo_core::config::Parameters::latency_lines
     ///
     /// # Errors
-    /// The sink's error; the frame is dropped and the session goes on with the next.
+    /// The error of the sink. The frame is dropped; the next call goes on with a later one.
     pub fn step(&mut self) -> Result<Event, S::Error> {
         let event = match self.camera.read_pair(self.left, self.right) {
             Ok(pair) => self.take_pair(&pair)?,
             Err(error) => {
                 let kind = error.kind();
-                count(self.statistics.counter(kind), 1);
-                self.lose(Fault::Camera(kind))
+                self.statistics.count_camera_error(kind);
+                self.fail(Fault::Camera(kind))
             }
         };
         match event {
@@ -271,12 +193,12 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
         Ok(event)
     }
 
-    /// Steps until a frame is done; returns its number. At most [`ATTEMPT_FRAMES`] times
-    /// the frame's height steps.
+    /// Steps until a frame is done and returns the camera's number of that frame. Takes at
+    /// most [`ATTEMPT_FRAMES`] times as many steps as a frame has lines.
     ///
     /// # Errors
     /// [`RunError`] when no frame came whole in that many steps or the sink failed. The
-    /// session can go on.
+    /// session can be used again.
     pub fn run_frame(&mut self) -> Result<u32, RunError<S::Error>> {
         let reads = self.geometry.height.saturating_mul(ATTEMPT_FRAMES);
         let mut last_fault = None;
@@ -291,134 +213,91 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
         Err(RunError::Attempts { reads, last_fault })
     }
 
+    /// Deals with the pair in the line buffers.
     fn take_pair(&mut self, pair: &LinePair) -> Result<Event, S::Error> {
-        count(&mut self.statistics.lines_dropped, pair.dropped);
-        let is_next = match self.state {
-            State::Reading { info, next_line } => {
-                if pair.frame == info.frame && pair.line == next_line {
-                    return self.match_pair(info, pair.line);
-                }
-                false
+        let &LinePair { frame, line, .. } = pair;
+        let (action, changes) = self.sync.pair(frame, line, pair.dropped);
+        self.statistics.count(changes);
+        match action {
+            Action::Match => self.match_pair(pair),
+            Action::Begin => self.begin_frame(pair),
+            Action::Skip => Ok(Event::Skipped { frame, line }),
+            Action::Resync { abort } => {
+                self.abort(abort, Fault::Sequence);
+                Ok(match self.begin_frame(pair)? {
+                    Event::Line { frame, .. } => Event::Resync { frame },
+                    event => event,
+                })
             }
-            State::Between => pair.line == 0 && self.next_frame.is(pair.frame),
-            State::Searching => true,
-        };
-        if !is_next {
-            count(&mut self.statistics.sequence_breaks, 1);
-            self.lose(Fault::Sequence);
-        }
-
-        let is_past = self.next_frame.is_past(pair.frame);
-        if pair.line != 0 || is_past {
-            count(&mut self.statistics.lines_dropped, 1);
-            if !is_past {
-                self.drop_frame(pair.frame);
+            Action::Reject { abort } => {
+                self.abort(abort, Fault::Sequence);
+                Ok(Event::Fault(Fault::Sequence))
             }
-            return Ok(if is_next {
-                Event::Skipped {
-                    frame: pair.frame,
-                    line: pair.line,
-                }
-            } else {
-                Event::Fault(Fault::Sequence)
-            });
         }
-
-        let info = self.begin_frame(pair)?;
-        let event = self.match_pair(info, 0)?;
-        Ok(match event {
-            Event::Line { frame, .. } if !is_next => Event::Resync { frame },
-            _ => event,
-        })
     }
 
-    fn begin_frame(&mut self, pair: &LinePair) -> Result<FrameInfo, S::Error> {
-        let region = self.matcher.config().region;
-        let info = FrameInfo {
-            frame: pair.frame,
-            timestamp_us: pair.timestamp_us,
-            region: Region {
-                height: region
-                    .height
-                    .min(self.geometry.height.saturating_sub(region.y)),
-                ..region
-            },
-        };
-        if let Err(error) = self.sink.begin_frame(&info) {
-            count(&mut self.statistics.sink_errors, 1);
-            count(&mut self.statistics.lines_dropped, 1);
-            self.drop_frame(pair.frame);
-            self.state = State::Searching;
-            return Err(error);
+    /// Begins the pair's frame and matches the pair as its line 0.
+    fn begin_frame(&mut self, pair: &LinePair) -> Result<Event, S::Error> {
+        self.info.frame = pair.frame;
+        self.info.timestamp_us = pair.timestamp_us;
+        if let Err(error) = self.sink.begin_frame(&self.info) {
+            return Err(self.fail_with_sink(error));
         }
-        let missed = self.next_frame.go_to(pair.frame);
-        count(&mut self.statistics.frames_dropped, missed);
-        Ok(info)
+        let changes = self.sync.begun();
+        self.statistics.count(changes);
+        self.match_pair(pair)
     }
 
-    /// Matches the pair in the line buffers: line `line` of the frame, the next one.
-    fn match_pair(&mut self, info: FrameInfo, line: u32) -> Result<Event, S::Error> {
-        let next_line = line.saturating_add(1);
-        self.state = State::Reading { info, next_line };
-        count(&mut self.statistics.lines, 1);
+    /// Matches the pair, the next one of the frame that is being read, and ends the frame
+    /// with its last.
+    fn match_pair(&mut self, pair: &LinePair) -> Result<Event, S::Error> {
+        let &LinePair { frame, line, .. } = pair;
         let given = match self.matcher.push(self.left, self.right) {
-            Ok(Some(disparities)) => self.sink.line(info.frame, &disparities),
+            Ok(Some(disparities)) => self.sink.line(frame, &disparities),
             Ok(None) => Ok(()),
-            Err(error) => return Ok(self.lose(Fault::Matcher(error))),
+            Err(error) => return Ok(self.fail(Fault::Matcher(error))),
         };
-        if next_line < self.geometry.height {
-            return match given {
-                Ok(()) => Ok(Event::Line {
-                    frame: info.frame,
-                    line,
-                }),
-                Err(error) => Err(self.lose_to_sink(error)),
-            };
+        let is_whole = self.sync.is_whole();
+        let given = given.and_then(|()| if is_whole { self.end_frame() } else { Ok(()) });
+        if let Err(error) = given {
+            return Err(self.fail_with_sink(error));
         }
-        match given.and_then(|()| self.flush(&info)) {
-            Ok(()) => {
-                count(&mut self.statistics.frames, 1);
-                self.state = State::Between;
-                self.next_frame = NextFrame(Some(info.frame.wrapping_add(1)));
-                Ok(Event::FrameDone { frame: info.frame })
-            }
-            Err(error) => Err(self.lose_to_sink(error)),
+        if !is_whole {
+            return Ok(Event::Line { frame, line });
         }
+        let changes = self.sync.ended();
+        self.statistics.count(changes);
+        Ok(Event::FrameDone { frame })
     }
 
-    /// Gives the lines still to come and ends the frame.
-    fn flush(&mut self, info: &FrameInfo) -> Result<(), S::Error> {
+    /// Gives the sink the lines still to come and ends the frame there.
+    fn end_frame(&mut self) -> Result<(), S::Error> {
         while let Some(disparities) = self.matcher.finish() {
-            self.sink.line(info.frame, &disparities)?;
+            self.sink.line(self.info.frame, &disparities)?;
         }
-        self.sink.end_frame(info)
+        self.sink.end_frame(&self.info)
     }
 
-    fn lose_to_sink(&mut self, error: S::Error) -> S::Error {
-        count(&mut self.statistics.sink_errors, 1);
-        self.lose(Fault::Sink);
+    fn fail_with_sink(&mut self, error: S::Error) -> S::Error {
+        self.statistics.count_sink_error();
+        self.fail(Fault::Sink);
         error
     }
 
-    /// Drops the frame that is being read, if any, and searches for the next.
-    fn lose(&mut self, fault: Fault) -> Event {
-        if let State::Reading { info, .. } = self.state {
-            self.matcher.reset();
-            self.sink.abort_frame(info.frame, fault);
-            self.drop_frame(info.frame);
-        }
-        self.state = State::Searching;
+    /// Drops the frame that is being read, if any.
+    fn fail(&mut self, fault: Fault) -> Event {
+        let (abort, changes) = self.sync.failed();
+        self.statistics.count(changes);
+        self.abort(abort, fault);
         Event::Fault(fault)
     }
 
-    /// Counts `frame` as dropped, and those missed before it.
-    fn drop_frame(&mut self, frame: u32) {
-        let missed = self.next_frame.go_to(frame);
-        count(
-            &mut self.statistics.frames_dropped,
-            missed.saturating_add(1),
-        );
-        self.next_frame = NextFrame(Some(frame.wrapping_add(1)));
+    /// Tells matcher and sink that the frame `frame` ends incomplete, if there is one.
+    fn abort(&mut self, frame: Option<u32>, fault: Fault) {
+        if let Some(frame) = frame {
+            self.matcher.reset();
+            self.sink.abort_frame(frame, fault);
+        }
     }
 }
 
@@ -441,37 +320,5 @@ mod tests {
         assert_eq!(words(320, PixelFormat::Rgb888) * 4, 2 * 320 * 3);
         // 3 x 33 bytes, rounded up to words.
         assert_eq!(words(33, PixelFormat::Rgb888) * 4, 2 * 100);
-    }
-
-    #[test]
-    fn frames_missed_are_told_by_their_numbers() {
-        let mut next = NextFrame(None);
-        assert!(next.is(9) && !next.is_past(8));
-        assert_eq!(next.go_to(9), 0);
-        assert!(next.is(9) && next.is_past(8));
-        assert_eq!(next.go_to(12), 3);
-    }
-
-    #[test]
-    fn frame_numbers_wrap() {
-        let mut next = NextFrame(Some(u32::MAX));
-        assert_eq!(next.go_to(1), 2);
-        next = NextFrame(Some(0));
-        assert!(next.is_past(u32::MAX));
-        // The camera began again from 0.
-        next = NextFrame(Some(5));
-        assert_eq!(next.go_to(0), 0);
-        assert!(next.is(0));
-    }
-
-    #[test]
-    fn counters_saturate_and_unknown_kinds_share_one() {
-        let mut statistics = Statistics::default();
-        for _ in 0..2 {
-            count(statistics.counter(ErrorKind::Other), u32::MAX - 1);
-        }
-        assert_eq!(statistics.errors(ErrorKind::Other), u32::MAX);
-        assert_eq!(statistics.other_errors, u32::MAX);
-        assert_eq!(statistics.errors(ErrorKind::Bus), 0);
     }
 }
