@@ -304,7 +304,167 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
 #[cfg(test)]
 mod tests {
     use super::*;
-    use vgstereo_core::camera::PixelFormat;
+    use std::cell::Cell;
+    use std::vec;
+    use std::vec::Vec;
+    use vgstereo_core::camera::{ErrorKind, ErrorType, PixelFormat};
+    use vgstereo_core::config::Config;
+    use vgstereo_core::disparity::DisparityRange;
+    use vgstereo_core::kernel::Portable;
+    use vgstereo_core::matcher::DisparityLine;
+    use vgstereo_core::preset::Preset;
+
+    const GEOMETRY: Geometry = Geometry {
+        width: 12,
+        height: 3,
+        format: PixelFormat::Grey8,
+    };
+
+    /// Reports what it was given and then, for ever, that nothing comes.
+    struct Camera {
+        reads: vec::IntoIter<Result<LinePair, ErrorKind>>,
+    }
+
+    impl ErrorType for Camera {
+        type Error = ErrorKind;
+    }
+
+    impl LinePairSource for Camera {
+        fn geometry(&self) -> Geometry {
+            GEOMETRY
+        }
+
+        fn read_pair(&mut self, _: &mut [u8], _: &mut [u8]) -> Result<LinePair, ErrorKind> {
+            self.reads.next().unwrap_or(Err(ErrorKind::Timeout))
+        }
+    }
+
+    fn camera(reads: Vec<Result<LinePair, ErrorKind>>) -> Camera {
+        let reads = reads.into_iter();
+        Camera { reads }
+    }
+
+    fn pair(frame: u32, line: u32) -> Result<LinePair, ErrorKind> {
+        Ok(LinePair {
+            frame,
+            line,
+            timestamp_us: 100 * u64::from(frame) + u64::from(line),
+            dropped: 0,
+        })
+    }
+
+    fn whole_frame(frame: u32) -> Vec<Result<LinePair, ErrorKind>> {
+        (0..GEOMETRY.height).map(|line| pair(frame, line)).collect()
+    }
+
+    /// A call of the sink, with the number of the frame.
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    enum Call {
+        Begin(u32),
+        Line(u32, u32),
+        End(u32),
+        Abort(u32, Fault),
+    }
+
+    #[derive(Debug, PartialEq)]
+    struct Refused;
+
+    /// Notes each call and fails at `fails`.
+    #[derive(Default)]
+    struct Sink {
+        calls: Vec<Call>,
+        infos: Vec<FrameInfo>,
+        fails: Option<Call>,
+    }
+
+    impl Sink {
+        fn note(&mut self, call: Call) -> Result<(), Refused> {
+            self.calls.push(call);
+            if self.fails == Some(call) {
+                Err(Refused)
+            } else {
+                Ok(())
+            }
+        }
+    }
+
+    impl DisparitySink for Sink {
+        type Error = Refused;
+
+        fn begin_frame(&mut self, info: &FrameInfo) -> Result<(), Refused> {
+            self.infos.push(*info);
+            self.note(Call::Begin(info.frame))
+        }
+
+        fn line(&mut self, frame: u32, line: &DisparityLine<'_>) -> Result<(), Refused> {
+            self.note(Call::Line(frame, line.line))
+        }
+
+        fn end_frame(&mut self, info: &FrameInfo) -> Result<(), Refused> {
+            assert_eq!(self.infos.last(), Some(info));
+            self.note(Call::End(info.frame))
+        }
+
+        fn abort_frame(&mut self, frame: u32, fault: Fault) {
+            self.calls.push(Call::Abort(frame, fault));
+        }
+    }
+
+    struct Meals<'a>(&'a Cell<u32>);
+
+    impl Watchdog for Meals<'_> {
+        fn feed(&mut self) {
+            self.0.set(self.0.get() + 1);
+        }
+    }
+
+    fn config() -> Config {
+        let mut parameters = Preset::PaperRaw.parameters();
+        parameters.synapses = 32;
+        Config::new(parameters, GEOMETRY.width, DisparityRange::up_to(3))
+    }
+
+    /// Runs `body` with a session; returns how often the watchdog was fed.
+    fn with_session(
+        config: &Config,
+        camera: Camera,
+        sink: &mut Sink,
+        body: impl FnOnce(&mut Session<'_, Camera, Portable, &mut Sink, Meals<'_>>),
+    ) -> u32 {
+        let mut memory = vec![0; config.memory_words()];
+        let mut lines = vec![0; memory_words(&GEOMETRY)];
+        let matcher = Matcher::new(config, Portable, &mut memory).unwrap();
+        let meals = Cell::new(0);
+        let watchdog = Meals(&meals);
+        let session = Session::with_watchdog(camera, matcher, sink, &mut lines, watchdog);
+        body(&mut session.unwrap());
+        meals.get()
+    }
+
+    /// The events of all reads, the calls of the sink and the meals of the watchdog.
+    fn run(
+        reads: Vec<Result<LinePair, ErrorKind>>,
+        fails: Option<Call>,
+    ) -> (Vec<Result<Event, Refused>>, Vec<Call>, u32) {
+        let count = reads.len();
+        let mut sink = Sink {
+            fails,
+            ..Sink::default()
+        };
+        let mut events = Vec::new();
+        let meals = with_session(&config(), camera(reads), &mut sink, |session| {
+            events.extend((0..count).map(|_| session.step()));
+        });
+        (events, sink.calls, meals)
+    }
+
+    fn calls_of_whole(frame: u32) -> Vec<Call> {
+        let lines = (0..GEOMETRY.height).map(|line| Call::Line(frame, line));
+        let mut calls = vec![Call::Begin(frame)];
+        calls.extend(lines);
+        calls.push(Call::End(frame));
+        calls
+    }
 
     #[test]
     fn memory_of_the_line_buffers() {
@@ -320,5 +480,177 @@ mod tests {
         assert_eq!(words(320, PixelFormat::Rgb888) * 4, 2 * 320 * 3);
         // 3 x 33 bytes, rounded up to words.
         assert_eq!(words(33, PixelFormat::Rgb888) * 4, 2 * 100);
+    }
+
+    #[test]
+    fn a_whole_frame_reaches_the_sink() {
+        let (events, calls, meals) = run(whole_frame(4), None);
+        let line = |line| Ok(Event::Line { frame: 4, line });
+        let done = Ok(Event::FrameDone { frame: 4 });
+        assert_eq!(events, [line(0), line(1), done]);
+        assert_eq!(calls, calls_of_whole(4));
+        assert_eq!(meals, 3);
+    }
+
+    #[test]
+    fn a_broken_frame_is_aborted_and_the_next_whole_one_comes() {
+        let sequence = Fault::Sequence;
+        let bus = Fault::Camera(ErrorKind::Bus);
+        for (broken, event, fault) in [
+            (
+                vec![pair(4, 0), pair(4, 2)],
+                Event::Fault(sequence),
+                sequence,
+            ),
+            (
+                vec![pair(4, 0), Err(ErrorKind::Bus)],
+                Event::Fault(bus),
+                bus,
+            ),
+        ] {
+            let mut reads = broken;
+            reads.push(pair(4, 1));
+            reads.extend(whole_frame(5));
+            let (events, calls, meals) = run(reads, None);
+            assert_eq!(events[1], Ok(event));
+            assert_eq!(events[2], Ok(Event::Skipped { frame: 4, line: 1 }));
+            assert_eq!(events[5], Ok(Event::FrameDone { frame: 5 }));
+            let mut expected = vec![Call::Begin(4), Call::Abort(4, fault)];
+            expected.extend(calls_of_whole(5));
+            assert_eq!(calls, expected);
+            assert_eq!(meals, 4);
+        }
+    }
+
+    #[test]
+    fn the_first_pair_of_a_later_frame_begins_that() {
+        let mut reads = vec![pair(4, 0)];
+        reads.extend(whole_frame(6));
+        let (events, calls, meals) = run(reads, None);
+        assert_eq!(events[1], Ok(Event::Resync { frame: 6 }));
+        assert_eq!(events[3], Ok(Event::FrameDone { frame: 6 }));
+        let mut expected = vec![Call::Begin(4), Call::Abort(4, Fault::Sequence)];
+        expected.extend(calls_of_whole(6));
+        assert_eq!(calls, expected);
+        assert_eq!(meals, 4);
+    }
+
+    #[test]
+    fn a_sink_that_fails_loses_the_frame() {
+        for (fails, meals) in [
+            (Call::Begin(4), 0),
+            (Call::Line(4, 0), 2),
+            (Call::Line(4, 2), 2),
+            (Call::End(4), 2),
+        ] {
+            let mut sink = Sink {
+                fails: Some(fails),
+                ..Sink::default()
+            };
+            let mut reads = whole_frame(4);
+            reads.extend(whole_frame(5));
+            let fed = with_session(&config(), camera(reads), &mut sink, |session| {
+                assert_eq!(session.run_frame(), Err(RunError::Sink(Refused)));
+                assert_eq!(session.run_frame(), Ok(5));
+                let statistics = session.statistics();
+                assert_eq!(statistics.sink_errors, 1);
+                assert_eq!((statistics.frames, statistics.frames_dropped), (1, 1));
+            });
+            assert_eq!(fed, meals + 3, "{fails:?}");
+            let after = match fails {
+                Call::Begin(_) => None,
+                _ => Some(Call::Abort(4, Fault::Sink)),
+            };
+            let at = sink.calls.iter().position(|call| *call == fails).unwrap();
+            let mut expected: Vec<Call> = after.into_iter().collect();
+            expected.extend(calls_of_whole(5));
+            assert_eq!(sink.calls[at + 1..], expected, "{fails:?}");
+        }
+    }
+
+    #[test]
+    fn a_run_gives_up_with_the_last_fault() {
+        let timeout = Fault::Camera(ErrorKind::Timeout);
+        for (reads, last_fault) in [
+            (vec![], Some(timeout)),
+            (vec![pair(4, 1); 12], None),
+            (vec![Err(ErrorKind::Bus); 11], Some(timeout)),
+        ] {
+            let mut sink = Sink::default();
+            with_session(&config(), camera(reads), &mut sink, |session| {
+                let reads = 12;
+                let gave_up = Err(RunError::Attempts { reads, last_fault });
+                assert_eq!(session.run_frame(), gave_up);
+            });
+        }
+        // Each frame breaks at its second line, and the next one begins at once.
+        let reads = (0..12).map(|frame| pair(frame, 0)).collect();
+        with_session(&config(), camera(reads), &mut Sink::default(), |session| {
+            let last_fault = Some(Fault::Sequence);
+            let gave_up = RunError::Attempts {
+                reads: 12,
+                last_fault,
+            };
+            assert_eq!(session.run_frame(), Err(gave_up));
+            assert_eq!(session.statistics().sequence_breaks, 11);
+        });
+    }
+
+    #[test]
+    fn the_sink_is_told_the_time_and_the_region_within_the_frame() {
+        for (y, height, expected) in [(0, u32::MAX, 3), (1, u32::MAX, 2), (1, 1, 1)] {
+            let mut config = config();
+            config.region.y = y;
+            config.region.height = height;
+            let mut sink = Sink::default();
+            with_session(&config, camera(whole_frame(4)), &mut sink, |session| {
+                assert_eq!(session.run_frame(), Ok(4));
+                assert_eq!(session.sink().calls.len() as u32, 2 + expected);
+            });
+            let info = FrameInfo {
+                frame: 4,
+                timestamp_us: 400,
+                region: Region {
+                    height: expected,
+                    ..config.region
+                },
+            };
+            assert_eq!(sink.infos, [info]);
+        }
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let refusal = |config: &Config, words: usize| {
+            let mut memory = vec![0; config.memory_words()];
+            let mut lines = vec![0; words];
+            let matcher = Matcher::new(config, Portable, &mut memory).unwrap();
+            Session::new(camera(vec![]), matcher, Sink::default(), &mut lines).err()
+        };
+        let words = memory_words(&GEOMETRY);
+        assert_eq!(refusal(&config(), words), None);
+        assert!(matches!(
+            refusal(&config(), words - 1),
+            Some(SessionError::Memory(_))
+        ));
+        let mut other = config();
+        other.format = PixelFormat::Rgb565;
+        let (camera, matcher) = (GEOMETRY.format, other.format);
+        let format = SessionError::Format { camera, matcher };
+        assert_eq!(refusal(&other, words), Some(format));
+        let mut other = config();
+        other.width = 13;
+        let width = SessionError::Width {
+            camera_px: 12,
+            matcher_px: 13,
+        };
+        assert_eq!(refusal(&other, words), Some(width));
+        let mut other = config();
+        other.region.y = 3;
+        let height = SessionError::Height {
+            camera_lines: 3,
+            first_line: 3,
+        };
+        assert_eq!(refusal(&other, words), Some(height));
     }
 }

@@ -669,6 +669,31 @@ mod tests {
     }
 
     #[test]
+    fn answers_out_of_turn_change_nothing() {
+        let mut sync = FrameSync::new(2);
+        let begin = |sync: &mut FrameSync| {
+            assert_eq!(sync.pair(5, 0, 0).0, Action::Begin);
+            let before = sync.clone();
+            assert_eq!(sync.ended(), Changes::default());
+            assert_eq!(*sync, before);
+            assert_eq!(sync.begun().lines, 1);
+        };
+        let nothing = |sync: &mut FrameSync| {
+            let before = sync.clone();
+            assert_eq!(sync.begun(), Changes::default());
+            assert_eq!(sync.ended(), Changes::default());
+            assert_eq!(*sync, before);
+        };
+        nothing(&mut sync);
+        begin(&mut sync);
+        nothing(&mut sync);
+        assert_eq!(sync.pair(5, 1, 0).0, Action::Match);
+        assert_eq!(sync.begun(), Changes::default());
+        assert_eq!(sync.ended().frames, 1);
+        nothing(&mut sync);
+    }
+
+    #[test]
     fn no_numbers_and_no_order_of_calls_break_it() {
         let numbers = [0, 1, 2, 3, 1 << 31, u32::MAX - 2, u32::MAX - 1, u32::MAX];
         for seed in 0..400 {
