@@ -7,10 +7,12 @@ use clap::Args;
 use vgstereo_core::config::{Aggregation, Method, Output, Parameters};
 use vgstereo_core::preset::Preset;
 
-use super::eval::Prepared;
-use super::{kib, parse_preset, percent, progress_bar, table};
+use crate::arguments::parse_preset;
 use crate::dataset::find_scenes;
 use crate::metrics::mean;
+use crate::prepared::Prepared;
+use crate::tables::{kib, percent, table};
+use crate::terminal::progress_bar;
 
 /// Frames of each scene are matched this often; the fastest counts.
 const REPEATS: usize = 3;

@@ -13,7 +13,6 @@ use vgstereo_core::matcher::Matcher;
 use vgstereo_core::preset::Preset;
 use vgstereo_firmware::{Session, session};
 
-use super::{kib, milliseconds, percent, table};
 use crate::camera::SimulatedCamera;
 use crate::dataset::save_scene;
 use crate::exposure::Exposure;
@@ -25,6 +24,7 @@ use crate::pictures::{colour_disparities, error_map};
 use crate::render::{RenderOptions, SIDE_MAX_PX, SIDE_MIN_PX, render};
 use crate::scene::Scene;
 use crate::sink::FrameCollector;
+use crate::tables::{kib, milliseconds, percent, table};
 
 /// The benchmark's usual threshold, px.
 const THRESHOLD_PX: f32 = 1.0;

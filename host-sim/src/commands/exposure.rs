@@ -8,11 +8,13 @@ use serde::Serialize;
 use vgstereo_core::config::{Method, Output};
 use vgstereo_core::preset::Preset;
 
-use super::eval::Prepared;
-use super::{parse_preset, percent, progress_bar, table};
+use crate::arguments::parse_preset;
 use crate::dataset::{ensure_distinct, find_scenes, load_scene};
 use crate::exposure::Exposure;
+use crate::prepared::Prepared;
 use crate::render::{RenderOptions, render};
+use crate::tables::{percent, table};
+use crate::terminal::progress_bar;
 
 /// Arguments of `vgstereo exposure`.
 #[derive(Debug, Args)]

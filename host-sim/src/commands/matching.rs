@@ -10,12 +10,14 @@ use vgstereo_core::config::Config;
 use vgstereo_core::disparity::{DisparityRange, Reference};
 use vgstereo_core::preset::Preset;
 
-use super::{Overrides, kib, milliseconds, output_of, parse_preset, views_of};
+use crate::arguments::{Overrides, output_of, parse_preset};
 use crate::disparity_files::DisparityFormat;
 use crate::files::{encode, read_image, write_files};
 use crate::frame::match_frame;
 use crate::kernels::HostKernels;
 use crate::pictures::colour_disparities;
+use crate::tables::{kib, milliseconds};
+use crate::views::Views;
 
 /// The largest disparity searched unless another is asked for, px.
 const DEFAULT_D_MAX: u16 = 63;
@@ -109,8 +111,8 @@ impl Match {
             right.width(),
             right.height()
         );
-        let views =
-            views_of(&left, &right, self.grey).with_context(|| self.left.display().to_string())?;
+        let views = Views::from_images(&left, &right, self.grey)
+            .with_context(|| self.left.display().to_string())?;
         let width = views.width;
         let disparities = self.disparities(width)?;
         let format = DisparityFormat::choose(&self.out, self.scale, disparities)?;

@@ -7,8 +7,9 @@ use vgstereo_core::config::Config;
 use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::preset::Preset;
 
-use super::{kib, parse_preset, table};
+use crate::arguments::parse_preset;
 use crate::parameters::to_toml;
+use crate::tables::{kib, table};
 
 /// Arguments of `vgstereo presets`.
 #[derive(Debug, Args)]

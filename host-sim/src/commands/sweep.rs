@@ -10,10 +10,12 @@ use serde::Serialize;
 use vgstereo_core::config::Output;
 use vgstereo_core::preset::Preset;
 
-use super::eval::Prepared;
-use super::{Overrides, parse_preset, percent, progress_bar, table};
+use crate::arguments::{Overrides, parse_preset};
 use crate::dataset::{ensure_distinct, find_scenes};
 use crate::files::write_files;
+use crate::prepared::Prepared;
+use crate::tables::{percent, table};
+use crate::terminal::progress_bar;
 
 /// Arguments of `vgstereo sweep`.
 #[derive(Debug, Args)]

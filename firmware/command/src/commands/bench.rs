@@ -8,7 +8,8 @@ use vgstereo_core::preset::Preset;
 use vgstereo_emulated::Request;
 use vgstereo_emulated::meter::Stage;
 use vgstereo_emulated::request::HAMMING_CELLS;
-use vgstereo_sim::commands::{kib, progress_bar, table};
+use vgstereo_sim::tables::{kib, table};
+use vgstereo_sim::terminal::progress_bar;
 
 use super::EmulatedSelection;
 use crate::board::{Board, MPS2_AN500, RISCV_VIRT, RISCV_VIRT_ZBB, STM32F405};

@@ -6,7 +6,7 @@ use clap::{Args, Parser, Subcommand};
 use crate::board::{Board, UnknownBoard};
 use crate::build::{build, lint};
 use crate::toolchain::{ensure_complete, install, needs};
-use vgstereo_sim::commands::table;
+use vgstereo_sim::tables::table;
 
 pub mod bench;
 pub mod run;

@@ -9,7 +9,7 @@ use vgstereo_core::camera::PixelFormat;
 use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::preset::Preset;
 use vgstereo_firmware::faults::{Fault, NotAFault};
-use vgstereo_sim::commands::parse_preset;
+use vgstereo_sim::arguments::parse_preset;
 use vgstereo_sim::disparity_files::DisparityFormat;
 use vgstereo_sim::files::{read_image, write_files};
 

@@ -3,7 +3,7 @@
 use anyhow::Result;
 use clap::Args;
 use serde::Serialize;
-use vgstereo_sim::commands::table;
+use vgstereo_sim::tables::table;
 
 use super::Selection;
 use crate::build::build;

@@ -6,7 +6,8 @@ use anyhow::{Result, ensure};
 use clap::Args;
 use rayon::prelude::*;
 use vgstereo_core::preset::Preset;
-use vgstereo_sim::commands::{progress_bar, table};
+use vgstereo_sim::tables::table;
+use vgstereo_sim::terminal::progress_bar;
 
 use super::EmulatedSelection;
 use crate::board::Board;
