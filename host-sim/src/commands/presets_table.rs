@@ -1,4 +1,4 @@
-//! `vgstereo presets`: what each preset is and what it takes.
+//! `vgstereo presets`: lists the presets with their parameters, memory and latency.
 
 use anyhow::{Result, ensure};
 use clap::Args;
@@ -11,7 +11,7 @@ use crate::arguments::parse_preset;
 use crate::parameters::to_toml;
 use crate::tables::{kib, table};
 
-/// Arguments of `vgstereo presets`.
+/// The arguments of `vgstereo presets`.
 #[derive(Debug, Args)]
 pub struct Presets {
     /// Width of the images, px. Their height does not matter: memory does not grow with it.
@@ -26,10 +26,10 @@ pub struct Presets {
 }
 
 impl Presets {
-    /// Prints the table, or one preset as TOML.
+    /// Returns the table of the presets, or the parameters of one of them as TOML.
     ///
     /// # Errors
-    /// When the disparities do not fit the width.
+    /// Fails when the disparities do not fit the width.
     pub fn run(self) -> Result<String> {
         if let Some(preset) = self.toml {
             return to_toml(&preset.parameters());

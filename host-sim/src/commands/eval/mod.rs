@@ -23,7 +23,7 @@ mod compare;
 mod report;
 mod spread;
 
-/// Arguments of `vgstereo eval`.
+/// The arguments of `vgstereo eval`.
 #[derive(Debug, Args)]
 #[command(
     after_help = "DIR holds one folder per scene: left.png, right.png, gt_left.png, meta.toml (d_max, gt_scale),\n\
