@@ -94,6 +94,30 @@ pub fn first_difference(board: &Frames, host: &Frames, width: u32) -> Option<Str
 #[cfg(test)]
 mod tests {
     use super::*;
+    use vgstereo_core::preset::Preset;
+    use vgstereo_firmware::faults::{Fault, FaultKind};
+
+    /// An aborted frame leaves nothing behind, and the frames after it are collected.
+    #[test]
+    fn all_whole_frames_are_collected() {
+        let pair = Pair::rendered(64, 40, 16);
+        let run = |frames, faults: &[Fault]| {
+            let request = pair.request(Preset::Lite, frames, faults).unwrap();
+            super::run(&pair, &request).unwrap()
+        };
+        let (one, _) = run(1, &[]);
+        assert_eq!(one.confidences.len(), 64 * 40);
+        assert_eq!(one.disparities_q4().len(), 64 * 40);
+        let fault = Fault {
+            frame: 1,
+            line: 30,
+            kind: FaultKind::Truncated,
+        };
+        let (three, statistics) = run(3, &[fault]);
+        assert_eq!((statistics.frames, statistics.frames_dropped), (3, 1));
+        assert_eq!(three.disparities, one.disparities.repeat(3));
+        assert_eq!(three.confidences, one.confidences.repeat(3));
+    }
 
     #[test]
     fn differences_are_found_where_they_are() {
