@@ -1,4 +1,4 @@
-//! A simulated camera: an image pair behind a wire.
+//! A simulated stereo camera, which sends an image pair over a simulated wire.
 
 use image::{DynamicImage, RgbImage};
 use vgstereo_core::camera::{
@@ -6,23 +6,24 @@ use vgstereo_core::camera::{
 };
 use vgstereo_firmware::scripted::Rewind;
 
-/// Time between lines of [`SimulatedCamera`]: about 30 frames a second at 480 lines.
+/// The time from one pair of lines of [`SimulatedCamera`] to the next, us. With 480 lines these
+/// are about 30 frames per second.
 pub const LINE_PERIOD_US: u64 = 69;
 
-/// Why images do not make a camera.
+/// The reasons for which [`SimulatedCamera::new`] refuses images.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum CameraError {
     /// The two views differ in size.
     Sizes {
-        /// Width and height of the left view.
+        /// Width and height of the left view, px.
         left: (u32, u32),
-        /// Width and height of the right view.
+        /// Width and height of the right view, px.
         right: (u32, u32),
     },
-    /// The views have no pixel or lines longer than 65535.
+    /// The views are empty or wider than 65535 px.
     Size,
-    /// The wire format is not simulated.
+    /// This pixel format is not simulated.
     Format(PixelFormat),
 }
 
@@ -42,27 +43,30 @@ impl std::fmt::Display for CameraError {
 
 impl std::error::Error for CameraError {}
 
-/// A camera that sends the same image pair for ever.
+/// A stereo camera that sends one image pair as every frame.
 ///
-/// Every pair of lines goes over a simulated wire: it is encoded and merged to raw bytes
-/// here and taken apart by [`Layout::split`], as a driver does. Frames are numbered from
-/// 0, a line lasts [`LINE_PERIOD_US`], and there is no gap between frames.
+/// Each pair of lines goes over a simulated wire: it is encoded, merged to raw bytes, and then
+/// taken apart by [`Layout::split`] as a driver does. Frames are numbered from 0. Pairs of lines
+/// are [`LINE_PERIOD_US`] apart, without a gap between frames.
 #[derive(Debug, Clone)]
 pub struct SimulatedCamera {
     left: RgbImage,
     right: RgbImage,
     layout: Layout,
     geometry: Geometry,
+    /// The number of pairs of lines that were sent.
     pairs: u64,
+    /// The bytes of the last pair of lines on the wire.
     raw: Vec<u8>,
 }
 
 impl SimulatedCamera {
-    /// A camera that sees `left` and `right`, images of any type: grey values are sent
-    /// as they are, colours as their luma where the format has no colour.
+    /// Returns a camera that sends `left` and `right`, images of any type. Where the pixel
+    /// format has no colour, colours are sent as their luma.
     ///
     /// # Errors
-    /// [`CameraError`] when the images do not make a camera.
+    /// Fails with [`CameraError`] when the views differ in size, are empty or too wide, or when
+    /// the pixel format is not simulated.
     pub fn new(
         left: impl Into<DynamicImage>,
         right: impl Into<DynamicImage>,
@@ -148,7 +152,7 @@ impl Rewind for SimulatedCamera {
     }
 }
 
-/// A line of RGB pixels in a wire format.
+/// Returns a line of RGB pixels in this pixel format.
 fn encode(format: PixelFormat, rgb: &[u8]) -> Vec<u8> {
     let mut luma = vec![0; rgb.len() / 3];
     PixelFormat::Rgb888.luma(rgb, &mut luma);
@@ -173,7 +177,8 @@ fn encode(format: PixelFormat, rgb: &[u8]) -> Vec<u8> {
     }
 }
 
-/// U of even, V of odd pixels: BT.601, full range.
+/// Returns the chroma byte of the pixel in column `x`: U in even and V in odd columns, as BT.601
+/// defines them over the full range.
 fn chroma(x: usize, red: u8, blue: u8, luma: u8) -> u8 {
     let (colour, scale) = if x.is_multiple_of(2) {
         (blue, 0.564)
@@ -184,7 +189,8 @@ fn chroma(x: usize, red: u8, blue: u8, luma: u8) -> u8 {
     (128.0 + scale * (f64::from(colour) - f64::from(luma))).round() as u8
 }
 
-/// The inverse of [`Layout::split`]; the pixels that it skips are noise.
+/// Merges a pair of lines to the raw bytes that [`Layout::split`] takes apart. Pixels that
+/// `split` skips get an arbitrary value.
 fn merge(layout: Layout, format: PixelFormat, left: &[u8], right: &[u8], raw: &mut Vec<u8>) {
     raw.clear();
     let bytes_per_pixel = format.bytes_per_pixel();

@@ -1,4 +1,4 @@
-//! Scenes from disk: one folder each, in the layout of the Middlebury pairs.
+//! Scenes on disk. Each has a folder in the layout of the Middlebury pairs.
 
 use std::fmt::Display;
 use std::fs;
@@ -11,18 +11,22 @@ use serde::{Deserialize, Serialize};
 use crate::files::{encode, make_folder, read_image, write_files};
 use crate::scene::{GroundTruth, Mask, Scene};
 
-/// What `meta.toml` of a scene must say; other keys are the data set's own.
+/// The keys that `meta.toml` of a scene must have. Other keys are ignored.
 #[derive(Debug, Serialize, Deserialize)]
 struct Meta {
+    /// The largest disparity to search, px.
     d_max: u16,
+    /// The steps per px of the stored ground truth.
     gt_scale: f32,
 }
 
-/// The scenes of `folder`: its sub-folders that have a left view, by name. With `names`,
-/// those, in that order; `group/scene` reaches a nested one.
+/// Returns the folders of scenes in `folder`. Without `names`, these are its sub-folders that
+/// have a left view, sorted by name. With `names`, they are the named ones in that order; a name
+/// such as `group/scene` stands for a nested folder.
 ///
 /// # Errors
-/// When the folder cannot be read, a named scene is not there, or there is none.
+/// Fails when the folder cannot be read, when a named scene does not exist or is named twice, or
+/// when there is no scene.
 pub fn find_scenes(folder: &Path, names: &[String]) -> Result<Vec<PathBuf>> {
     let entries =
         fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))?;
@@ -58,10 +62,11 @@ pub fn find_scenes(folder: &Path, names: &[String]) -> Result<Vec<PathBuf>> {
     Ok(scenes)
 }
 
-/// Refuses a list that names something twice: it would count twice in every mean.
+/// Checks that no item of a list is given twice, since it would count twice in every mean.
+/// `what` says what an item is, for the error.
 ///
 /// # Errors
-/// One line that names what is repeated.
+/// Fails with one line that names the repeated item.
 pub fn ensure_distinct<T: PartialEq + Display>(what: &str, list: &[T]) -> Result<()> {
     for (index, item) in list.iter().enumerate() {
         ensure!(
@@ -72,12 +77,15 @@ pub fn ensure_distinct<T: PartialEq + Display>(what: &str, list: &[T]) -> Result
     Ok(())
 }
 
-/// Loads one scene: `left.png`, `right.png`, `gt_left.png` (8 or 16 bits, 0 = unknown),
-/// `meta.toml` with `d_max` in px and `gt_scale` in steps per px; masks `nonocc.png`,
-/// `all.png`, `disc.png` and `gt_right.png` where there are.
+/// Loads the scene in a folder.
+///
+/// The folder must have the views `left.png` and `right.png`, the ground truth `gt_left.png`
+/// (8 or 16 bits, 0 for unknown), and `meta.toml` with `d_max` in px and `gt_scale` in steps per
+/// px. It may have the ground truth `gt_right.png` and the masks `nonocc.png`, `all.png` and
+/// `disc.png`, in which pixels of level 255 count.
 ///
 /// # Errors
-/// One line that names the file and the reason.
+/// Fails with one line that names the file and the reason.
 pub fn load_scene(folder: &Path) -> Result<Scene> {
     let name = folder.file_name().map_or_else(
         || folder.display().to_string(),
@@ -122,12 +130,12 @@ pub fn load_scene(folder: &Path) -> Result<Scene> {
     })
 }
 
-/// Saves a scene that has its truth as [`load_scene`] reads it, disparities in 16 bits; makes
-/// the folder. What else that holds stays.
+/// Saves a scene that has ground truth in a folder, which is made if it does not exist, so that
+/// [`load_scene`] can load it. Disparities have 16 bits. Other files in the folder are kept.
 ///
 /// # Errors
-/// When there is no truth; one line that names the file or folder and the reason. No file is
-/// then written.
+/// Fails with one line that names the file or folder and the reason, or when the scene has no
+/// ground truth. No file is written then.
 pub fn save_scene(folder: &Path, scene: &Scene) -> Result<()> {
     let truth = scene.truth.as_ref();
     let truth = truth.with_context(|| format!("the scene {} has no truth", scene.name))?;
@@ -185,7 +193,7 @@ pub fn save_scene(folder: &Path, scene: &Scene) -> Result<()> {
     write_files(&files)
 }
 
-/// Refuses an image of another size than its scene's left view.
+/// Checks that an image is as large as the left view of its scene.
 fn ensure_size(path: &Path, image: &DynamicImage, (width, height): (u32, u32)) -> Result<()> {
     if (image.width(), image.height()) != (width, height) {
         bail!(
@@ -198,6 +206,7 @@ fn ensure_size(path: &Path, image: &DynamicImage, (width, height): (u32, u32)) -
     Ok(())
 }
 
+/// Returns the disparities of an image of ground truth, px; NaN where the level is 0.
 fn to_disparities(image: DynamicImage, scale: f32) -> Vec<f32> {
     let px = |value: u16| match value {
         0 => f32::NAN,
@@ -213,6 +222,7 @@ fn to_disparities(image: DynamicImage, scale: f32) -> Vec<f32> {
     }
 }
 
+/// Returns the mask of an image: pixels of level 255 count.
 fn to_mask(image: DynamicImage) -> Mask {
     let values = image.into_luma8().into_raw().into_iter();
     values

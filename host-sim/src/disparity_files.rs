@@ -1,4 +1,4 @@
-//! Disparity maps as files: PNG and PGM with a scale, PFM with floating-point pixels.
+//! Files of disparity maps: PNG and PGM with a scale, PFM with floating-point pixels.
 
 use std::path::Path;
 
@@ -8,31 +8,32 @@ use vgstereo_core::disparity::{DisparityRange, INVALID, STEPS_PER_PX};
 
 use crate::files::encode;
 
-/// How a disparity map is stored.
+/// A file format for disparity maps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum DisparityFormat {
-    /// Grey of 8 or 16 bits: value = disparity x scale, rounded; 0 = none, so that a known
-    /// disparity is at least 1 (as KITTI stores them).
+    /// Grey levels of 8 or 16 bits, as KITTI stores them: disparity x scale, rounded. The
+    /// value 0 stands for no disparity, so a known disparity is stored as 1 at least.
     Scaled {
-        /// PNG or PGM.
+        /// The image format: PNG, or PGM as a form of PNM.
         container: ImageFormat,
-        /// Steps per px.
+        /// Steps per px of disparity.
         scale: f32,
-        /// 16 bits rather than 8.
+        /// Whether levels have 16 bits rather than 8.
         wide: bool,
     },
-    /// Portable float map, px, little-endian, lines from the bottom up; infinity = none (as
-    /// Middlebury stores them).
+    /// A portable float map, as Middlebury stores them: disparities in px, little-endian, lines
+    /// from the bottom up. Infinity stands for no disparity.
     Pfm,
 }
 
 impl DisparityFormat {
-    /// The format for a file name: `.png`, `.pgm` or `.pfm`. Without a scale, the largest
-    /// whole one that keeps the range in 8 bits; 16 bits when the range needs them or the
-    /// scale is 256.
+    /// Returns the format for a file name that ends in `.png`, `.pgm` or `.pfm`.
+    ///
+    /// Without a scale, it takes the largest whole one with which the range fits 8 bits. Levels
+    /// have 16 bits when the range needs them or the scale is 256 or more.
     ///
     /// # Errors
-    /// When the extension is another or the range does not fit the format.
+    /// Fails when the file name ends differently or the range does not fit the format.
     pub fn choose(path: &Path, scale: Option<f32>, range: DisparityRange) -> Result<Self> {
         let extension = path.extension().and_then(|extension| extension.to_str());
         let container = match extension.map(str::to_ascii_lowercase).as_deref() {
@@ -71,10 +72,11 @@ impl DisparityFormat {
         })
     }
 
-    /// The bytes of a file of disparities, 1/16 px, row-major.
+    /// Returns the bytes of a file with these disparities, which are in 1/16 px, row-major, in
+    /// lines of `width` px.
     ///
     /// # Errors
-    /// When the disparities are not whole lines.
+    /// Fails when the disparities are not whole lines.
     pub fn encode(self, disparities_q4: &[i16], width: u32) -> Result<Vec<u8>> {
         let height = u32::try_from(disparities_q4.len() / width.max(1) as usize)?;
         match self {
@@ -100,6 +102,7 @@ impl DisparityFormat {
     }
 }
 
+/// Returns the level that stands for a disparity; 0 for [`INVALID`].
 fn scaled(disparity_q4: i16, scale: f32) -> u16 {
     if disparity_q4 == INVALID {
         return 0;

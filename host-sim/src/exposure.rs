@@ -1,10 +1,10 @@
-//! A right camera that exposes differently from the left.
+//! A difference in exposure between the right camera and the left.
 
 use clap::Args;
 use image::RgbImage;
 
-/// What the right camera makes of a grey level that the left camera has: gain times the
-/// level, plus the offset. Both may change from line to line.
+/// How grey levels of the right view follow from those of the left view: the level times the
+/// gain, plus the offset. Both may change from line to line.
 #[derive(Debug, Clone, Copy, PartialEq, Args)]
 pub struct Exposure {
     /// Gain of the right camera relative to the left, above 0; halfway down where it grows.
@@ -38,7 +38,7 @@ pub struct Exposure {
 }
 
 impl Exposure {
-    /// That of the left camera.
+    /// The exposure with which both cameras have equal grey levels.
     pub const EQUAL: Self = Self {
         gain: 1.0,
         gain_gradient: 0.0,
@@ -46,7 +46,7 @@ impl Exposure {
         offset_gradient: 0.0,
     };
 
-    /// Whether all numbers are finite and the gain is above 0 on every line.
+    /// Returns whether all numbers are finite and the gain is above 0 on every line.
     #[must_use]
     pub fn is_valid(&self) -> bool {
         let numbers = [
@@ -59,7 +59,7 @@ impl Exposure {
             && self.gain - self.gain_gradient.abs() / 2.0 > 0.0
     }
 
-    /// Gain and offset of line `line` of `lines`.
+    /// Returns the gain, and the offset in grey levels, of line `line` of a view of `lines` lines.
     #[must_use]
     pub fn of_line(&self, line: u32, lines: u32) -> (f64, f64) {
         let from_middle = f64::from(line) / f64::from(lines.max(2) - 1) - 0.5;
@@ -70,7 +70,8 @@ impl Exposure {
         )
     }
 
-    /// Changes a view that was exposed as the left one is.
+    /// Changes a view from the exposure of the left camera to that of the right camera. Levels
+    /// are clamped to 0 to 255.
     pub fn apply(&self, view: &mut RgbImage) {
         let lines = view.height();
         for (y, row) in view.rows_mut().enumerate() {

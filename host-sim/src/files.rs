@@ -1,4 +1,5 @@
-//! Reading and writing images: errors name the file, and no file is left half written.
+//! Reading and writing of images and other files. Errors name the file, and no file is left
+//! half written.
 
 use std::fs;
 use std::io::{self, Write};
@@ -8,10 +9,11 @@ use anyhow::{Context, Result, anyhow, bail};
 use image::{DynamicImage, ImageFormat, ImageReader};
 use tempfile::NamedTempFile;
 
-/// Reads a PNG, PPM, PGM or JPEG; the content decides, not the name.
+/// Reads a PNG, PPM, PGM or JPEG image. The format is recognized from the content, not from the
+/// file name.
 ///
 /// # Errors
-/// One line that names the file and the reason.
+/// Fails with one line that names the file and the reason.
 pub fn read_image(path: &Path) -> Result<DynamicImage> {
     let reader = ImageReader::open(path)
         .and_then(ImageReader::with_guessed_format)
@@ -31,10 +33,11 @@ pub fn read_image(path: &Path) -> Result<DynamicImage> {
     Ok(image)
 }
 
-/// Writes files whole or not at all: all to temporary files beside them, then renamed.
+/// Writes each of these files whole or not at all: it writes temporary files beside them, and
+/// renames these when all are written.
 ///
 /// # Errors
-/// One line that names the file and the reason.
+/// Fails with one line that names the file and the reason.
 pub fn write_files(files: &[(&Path, Vec<u8>)]) -> Result<()> {
     let mut written = Vec::new();
     for (path, bytes) in files {
@@ -48,6 +51,7 @@ pub fn write_files(files: &[(&Path, Vec<u8>)]) -> Result<()> {
     Ok(())
 }
 
+/// Writes the content of the file `path` to a temporary file in its folder.
 fn write_beside(path: &Path, bytes: &[u8]) -> io::Result<NamedTempFile> {
     if path.is_dir() {
         return Err(io::ErrorKind::IsADirectory.into());
@@ -59,7 +63,7 @@ fn write_beside(path: &Path, bytes: &[u8]) -> io::Result<NamedTempFile> {
     let mut builder = tempfile::Builder::new();
     #[cfg(unix)]
     {
-        // A temporary file is private; one for the user gets the usual rights.
+        // Temporary files are private; this one becomes a file of the user with usual rights.
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
@@ -71,25 +75,25 @@ fn write_beside(path: &Path, bytes: &[u8]) -> io::Result<NamedTempFile> {
 /// Writes an image as PNG.
 ///
 /// # Errors
-/// As [`write_files`].
+/// Fails with one line that names the file and the reason.
 pub fn write_png(path: &Path, image: &DynamicImage) -> Result<()> {
     write_files(&[(path, encode(image, ImageFormat::Png)?)])
 }
 
-/// An image in the bytes of a file format.
+/// Returns the bytes of an image file in this format.
 ///
 /// # Errors
-/// When the format cannot hold the image.
+/// Fails when the format cannot hold the image.
 pub fn encode(image: &DynamicImage, format: ImageFormat) -> Result<Vec<u8>> {
     let mut bytes = std::io::Cursor::new(Vec::new());
     image.write_to(&mut bytes, format)?;
     Ok(bytes.into_inner())
 }
 
-/// Makes a folder and those above it.
+/// Makes a folder, and those above it, if it does not exist.
 ///
 /// # Errors
-/// One line that names the folder and the reason.
+/// Fails with one line that names the folder and the reason.
 pub fn make_folder(path: &Path) -> Result<()> {
     fs::create_dir_all(path).with_context(|| format!("cannot make the folder {}", path.display()))
 }

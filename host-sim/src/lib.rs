@@ -1,6 +1,16 @@
-//! Host simulator of vgstereo: the core that firmware links, fed from images and rendered
-//! scenes. The command `vgstereo` is in [`commands`], kernels for the host in [`kernels`].
+//! The host simulator of vgstereo. It feeds the core that firmware links with stored images and
+//! rendered scenes.
+//!
+//! From the bottom up: [`files`], [`disparity_files`] and [`parameters`] read and write files.
+//! [`scene`] and [`views`] hold stereo pairs, [`dataset`] loads them, [`render`] makes one, and
+//! [`exposure`] and [`line_offset`] let the right camera differ from the left. [`camera`] and
+//! [`sink`] are the two ends of a firmware's session. [`kernels`] are the core's kernels for the
+//! host, and [`mod@frame`] matches whole frames with them. [`metrics`] measures disparities
+//! against ground truth, [`pictures`] shows them, [`published`] has results to compare with, and
+//! [`prepared`] joins a scene with its matching and measuring. [`arguments`], [`tables`] and
+//! [`terminal`] serve the [`commands`] of `vgstereo`.
 
+pub mod arguments;
 pub mod camera;
 pub mod commands;
 pub mod dataset;
@@ -13,9 +23,11 @@ pub mod line_offset;
 pub mod metrics;
 pub mod parameters;
 pub mod pictures;
+pub mod prepared;
 pub mod published;
 pub mod render;
 pub mod scene;
 pub mod sink;
+pub mod tables;
 pub mod terminal;
 pub mod views;

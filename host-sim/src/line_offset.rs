@@ -1,9 +1,9 @@
-//! A right camera whose lines lie too low or too high.
+//! A vertical shift of the right view, with which epipolar lines are not scanlines any more.
 
 use clap::Args;
 use image::RgbImage;
 
-/// Largest offset either way, px.
+/// The largest shift, up or down, px.
 pub const LINE_OFFSET_MAX_PX: f32 = 8.0;
 
 /// The option `--line-offset`.
@@ -22,10 +22,10 @@ pub struct LineOffset {
     pub px: f32,
 }
 
-/// Reads an offset of lines, px.
+/// Returns the shift that a text states, px.
 ///
 /// # Errors
-/// One line with the range.
+/// Fails with one line that states the range.
 fn parse_line_offset(text: &str) -> Result<f32, String> {
     let offset_px = text.parse().ok();
     let is_small = |px: &f32| px.abs() <= LINE_OFFSET_MAX_PX;
@@ -34,13 +34,13 @@ fn parse_line_offset(text: &str) -> Result<f32, String> {
         .ok_or_else(|| format!("it must be from -{LINE_OFFSET_MAX_PX} to {LINE_OFFSET_MAX_PX} px"))
 }
 
-/// Moves a view down by so many lines, up where they are negative: what was at line `y` is at
-/// `y + offset_px`. Between lines, levels follow a cubic through four of them (Catmull and Rom
-/// 1974); lines outside are the nearest inside.
+/// Returns a view that is shifted down by `offset_px`, or up if that is negative: line `y` moves
+/// to `y + offset_px`. Between lines, levels are interpolated by a cubic through four of them
+/// (Catmull and Rom 1974). Beyond the border, the line at the border is repeated.
 #[must_use]
 pub fn lowered(view: &RgbImage, offset_px: f32) -> RgbImage {
     let whole = offset_px.ceil();
-    // What the lower two of the four lines are above where they should be, 0 to 1.
+    // The fraction of a line by which whole lines would move the view too far, 0 to 1.
     let t = whole - offset_px;
     let weights = [
         ((2.0 - t) * t - 1.0) * t / 2.0,

@@ -1,26 +1,28 @@
-//! The benchmark's measure: the percentage of bad pixels over each mask.
+//! The measure of the Middlebury benchmark: the percentage of bad pixels over each mask.
 
 use vgstereo_core::disparity::{INVALID, STEPS_PER_PX};
 
 use crate::scene::{GroundTruth, Mask};
 
-/// Percentages of bad pixels: those without a disparity, or with one further than the
-/// threshold from the truth (Scharstein and Szeliski 2002, equation 2).
+/// Percentages of bad pixels. A pixel is bad when it has no disparity, or one that is further
+/// than a threshold from the ground truth (Scharstein and Szeliski 2002, equation 2). A
+/// percentage is `None` if the mask is missing or counts no pixel with known ground truth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BadPixels {
-    /// Over pixels seen by both views.
+    /// Bad pixels among those that are not occluded, percent.
     pub nonocc: Option<f64>,
-    /// Over all pixels to evaluate.
+    /// Bad pixels among all pixels to measure at, percent.
     pub all: Option<f64>,
-    /// Over pixels near discontinuities.
+    /// Bad pixels among those near discontinuities, percent.
     pub disc: Option<f64>,
-    /// Pixels without a disparity, in percent of the image.
+    /// Pixels without a disparity, percent of the image.
     pub invalid: f64,
 }
 
 impl BadPixels {
-    /// Measures `disparities_q4`, 1/16 px, of the left view against its truth. A pixel
-    /// without a disparity is bad, or with `sparse` does not count.
+    /// Returns the percentages for disparities of the left view, which are in 1/16 px,
+    /// row-major. With `sparse`, pixels without a disparity do not count as bad; they are left
+    /// out.
     #[must_use]
     pub fn measure(
         disparities_q4: &[i16],
@@ -49,21 +51,22 @@ impl BadPixels {
         }
     }
 
-    /// The mean over the masks there are; `None` without any.
+    /// Returns the mean of the percentages that are known; `None` if none is.
     #[must_use]
     pub fn average(&self) -> Option<f64> {
         mean([self.nonocc, self.all, self.disc].into_iter().flatten())
     }
 }
 
-/// Whether a disparity in 1/16 px is bad against a truth in px.
+/// Returns whether a disparity in 1/16 px is missing, or further than `threshold_px` from the
+/// ground truth in px.
 #[must_use]
 pub fn is_bad(found_q4: i16, truth_px: f32, threshold_px: f32) -> bool {
     found_q4 == INVALID
         || (f32::from(found_q4) / f32::from(STEPS_PER_PX) - truth_px).abs() > threshold_px
 }
 
-/// The mean of some numbers; `None` of none.
+/// Returns the mean of some numbers; `None` if there are none.
 #[must_use]
 pub fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
     let (sum, count) = values.fold((0.0, 0_u32), |(sum, count), value| (sum + value, count + 1));

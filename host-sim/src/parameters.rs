@@ -1,4 +1,4 @@
-//! Parameters as TOML: a preset's, with some of them replaced.
+//! Parameters in TOML: writing those of a preset, and replacing some of them.
 
 use std::path::Path;
 
@@ -6,16 +6,17 @@ use anyhow::{Context, Result, anyhow, bail};
 use toml::{Table, Value};
 use vgstereo_core::config::{Method, Parameters};
 
-/// What switches an optional stage off, in a file and on the command line.
+/// The value that leaves out an optional stage, in a file and on the command line.
 const NONE: &str = "none";
 
-/// Parameters as a TOML document, to start one's own from.
+/// Returns parameters as a TOML document, which [`with_file`] can read.
 ///
 /// # Errors
-/// None is expected: all parameters have a place in TOML.
+/// No error is expected, since TOML can express all parameters.
 pub fn to_toml(parameters: &Parameters) -> Result<String> {
     let mut table = Table::try_from(parameters)?;
-    // Said rather than left out, so that it holds over another preset's stages too.
+    // Stages that are left out are written as such. Otherwise those of the preset that the
+    // document is applied to would remain.
     if let (Method::Aggregation(_), Some(Value::Table(method))) =
         (parameters.method, table.get_mut("method"))
     {
@@ -26,10 +27,10 @@ pub fn to_toml(parameters: &Parameters) -> Result<String> {
     Ok(toml::to_string_pretty(&table)?)
 }
 
-/// Parameters with those of a file in their place.
+/// Returns `parameters` after those in a TOML file have replaced them.
 ///
 /// # Errors
-/// One line that names the file and the reason.
+/// Fails with one line that names the file and the reason.
 pub fn with_file(parameters: &Parameters, path: &Path) -> Result<Parameters> {
     let text =
         std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
@@ -41,11 +42,12 @@ pub fn with_file(parameters: &Parameters, path: &Path) -> Result<Parameters> {
     from_table(table).with_context(|| path.display().to_string())
 }
 
-/// Parameters with one in its place: `key=value`, dots between the names of a key, the
-/// value as in TOML, `none` for a stage to leave out.
+/// Returns `parameters` after one of them has been replaced. The setting is `key=value`, with
+/// dots between the names in a key. The value is written as in TOML, or it is `none` to leave
+/// out a stage.
 ///
 /// # Errors
-/// One line that names the setting and the reason.
+/// Fails with one line that names the setting and the reason.
 pub fn with_setting(parameters: &Parameters, setting: &str) -> Result<Parameters> {
     let (key, value) = setting
         .split_once('=')
@@ -77,7 +79,8 @@ fn from_table(table: Table) -> Result<Parameters> {
     }
 }
 
-/// Replaces what `changes` names. A method of another kind replaces the method whole.
+/// Replaces the values of `table` that `changes` names. A method of a different kind replaces
+/// the whole method.
 fn merge(table: &mut Table, changes: Table) {
     for (key, value) in changes {
         match (table.get_mut(&key), value) {

@@ -1,4 +1,4 @@
-//! Pictures for people: coloured disparities and error maps.
+//! Pictures of disparity maps: coloured disparities and error maps.
 
 use image::{Rgb, RgbImage};
 use vgstereo_core::disparity::{DisparityRange, INVALID, px_to_q4};
@@ -8,8 +8,9 @@ use crate::scene::{GroundTruth, Mask};
 
 const BLACK: Rgb<u8> = Rgb([0, 0, 0]);
 
-/// Colours disparities, 1/16 px, row-major, over their range: far blue, near red; black
-/// where there is none.
+/// Returns a picture of disparities, which are in 1/16 px, row-major, in lines of `width` px.
+/// Colours go from blue at the smallest disparity of the range to red at the largest. Pixels
+/// without a disparity are black.
 #[must_use]
 pub fn colour_disparities(disparities_q4: &[i16], width: u32, range: DisparityRange) -> RgbImage {
     let px = |range_px: i32| i16::try_from(range_px).unwrap_or(i16::MAX);
@@ -26,8 +27,13 @@ pub fn colour_disparities(disparities_q4: &[i16], width: u32, range: DisparityRa
     })
 }
 
-/// Marks pixels against the truth: grey where right, red where bad and seen by both
-/// views, orange where bad and occluded, black where the truth is unknown.
+/// Returns a picture of the errors of disparities, which are in 1/16 px, row-major, in lines of
+/// `width` px.
+///
+/// Pixels are bad when their disparity is missing or further than `threshold_px` from the
+/// ground truth. Bad pixels are red when both views show them and orange when they are
+/// occluded; the others are grey. Pixels without ground truth, and those that neither of the
+/// masks `all` and `nonocc` counts, are black.
 #[must_use]
 pub fn error_map(
     disparities_q4: &[i16],
@@ -58,6 +64,7 @@ pub fn error_map(
     picture(&pixels, width, |&colour| colour)
 }
 
+/// Returns a picture whose pixels have the colours of these values, in lines of `width` px.
 fn picture<T>(pixels: &[T], width: u32, colour: impl Fn(&T) -> Rgb<u8>) -> RgbImage {
     let width = width.max(1);
     let height = pixels.len() / width as usize;

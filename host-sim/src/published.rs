@@ -1,47 +1,49 @@
-//! Results on Middlebury v2 that others published, to compare one's own with.
+//! Published results on Middlebury v2, among which presets can be ranked.
 //!
-//! Per scene the bad pixels over nonocc, all and disc, percent, further than 1 px from the
-//! truth, rounded as they were published. Those of the paper, AD-Census and SemiGlob were
-//! taken from a source; the others are recalled from the benchmark's table, and a test holds
-//! the twelve figures of each to their published average.
+//! For each scene there are three figures: the bad pixels over the masks nonocc, all and disc,
+//! in percent, rounded as they were published. A pixel is bad when its disparity is further
+//! than 1 px from the ground truth. The figures of the paper, AD-Census and SemiGlob were taken
+//! from a source. The others are recalled from the benchmark's table; a test compares the mean
+//! of the twelve figures of each method with the published average.
 
 use crate::metrics::mean;
 
 /// The four scenes of Middlebury v2, in the order of its table.
 pub const SCENES: [&str; 4] = ["tsukuba", "venus", "teddy", "cones"];
 
-/// The threshold of the published figures, px.
+/// The distance from the ground truth beyond which a disparity is bad in the published figures,
+/// px.
 pub const THRESHOLD_PX: f32 = 1.0;
 
-/// A method's published results.
+/// The published results of one method.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Published {
-    /// The method, as the table names it.
+    /// The name of the method in the table.
     pub method: &'static str,
-    /// Who published it, and when.
+    /// The authors of the publication and its year.
     pub source: &'static str,
-    /// Nonocc, all and disc of each of [`SCENES`].
+    /// For each of [`SCENES`] the bad pixels over nonocc, all and disc, percent.
     pub bad_percent: [[f64; 3]; 4],
-    /// Average of the twelve, as published.
+    /// The average of the twelve figures as it was published, percent.
     pub average: f64,
 }
 
 impl Published {
-    /// Average over the masks of each scene.
+    /// Returns the average over the masks for each of [`SCENES`], percent.
     #[must_use]
     pub fn scene_averages(&self) -> [f64; 4] {
         self.bad_percent
             .map(|masks| masks.iter().sum::<f64>() / masks.len() as f64)
     }
 
-    /// Average of the twelve figures.
+    /// Returns the mean of the twelve figures, percent.
     #[must_use]
     pub fn mean(&self) -> Option<f64> {
         mean(self.bad_percent.iter().flatten().copied())
     }
 }
 
-/// The method of vgstereo as its paper has it.
+/// The results of the method of vgstereo in the paper that introduced it.
 pub const PAPER: Published = Published {
     method: "VG-RAM",
     source: "the paper, Table 2",
@@ -54,7 +56,7 @@ pub const PAPER: Published = Published {
     average: 15.0,
 };
 
-/// Methods to compare with, best first.
+/// The methods to compare with, the smallest average first.
 pub const METHODS: [Published; 11] = [
     Published {
         method: "AD-Census",

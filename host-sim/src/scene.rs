@@ -1,50 +1,51 @@
-//! A rectified stereo pair with what is known about it.
+//! A rectified stereo pair with its search range and its ground truth.
 
 use core::ops::Deref;
 
 use image::RgbImage;
 
-/// A rectified stereo pair, and its ground truth where there is one.
+/// A rectified stereo pair, with its ground truth if that is known.
 ///
 /// Left pixel `(x, y)` shows the same point as right pixel `(x - d, y)`; `d` is its
 /// disparity in px, not negative.
 #[derive(Debug, Clone)]
 pub struct Scene {
-    /// Short name for tables and file names.
+    /// A short name for tables and file names.
     pub name: String,
-    /// Left view.
+    /// The left view.
     pub left: RgbImage,
-    /// Right view, of the same size.
+    /// The right view; its size is that of the left view.
     pub right: RgbImage,
-    /// Largest disparity to search, px.
+    /// The largest disparity to search, px.
     pub d_max: u16,
-    /// What a matcher should have found; `None` for captured scenes.
+    /// The ground truth; `None` if it is not known.
     pub truth: Option<GroundTruth>,
 }
 
-/// The true disparities of a [`Scene`] and the pixels to judge a result at.
+/// The true disparities of a [`Scene`], and masks of the pixels at which a result is measured.
 ///
-/// Maps and masks hold one value per pixel, row-major, without padding.
+/// Maps and masks hold one value per pixel, row-major without gaps. A mask is `None` if the
+/// scene does not have it.
 #[derive(Debug, Clone)]
 pub struct GroundTruth {
-    /// Disparity of each left pixel, px; NaN where unknown.
+    /// The disparity of each left pixel, px; NaN where it is unknown.
     pub left_px: Vec<f32>,
-    /// Disparity of each right pixel, px; NaN where unknown.
+    /// The disparity of each right pixel, px; NaN where it is unknown.
     pub right_px: Option<Vec<f32>>,
-    /// Left pixels whose point the right view shows too.
+    /// The left pixels that are not occluded: the right view shows their points as well.
     pub nonocc: Option<Mask>,
-    /// Left pixels to judge whether or not the right view shows them.
+    /// All left pixels to measure at, occluded or not.
     pub all: Option<Mask>,
-    /// Left pixels of `nonocc` near a jump of disparity.
+    /// The left pixels of `nonocc` that are near a discontinuity of the disparities.
     pub disc: Option<Mask>,
 }
 
-/// The left pixels to evaluate: `true` where they count, row-major.
+/// A mask of left pixels: `true` for those that count, row-major.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mask(Vec<bool>);
 
 impl Mask {
-    /// How many pixels count.
+    /// Returns the number of pixels that count.
     #[must_use]
     pub fn count(&self) -> usize {
         self.0.iter().filter(|&&counts| counts).count()

@@ -1,19 +1,24 @@
-//! A sink that assembles whole frames, for the host, which has the memory.
+//! A sink that collects whole frames of disparities. The host has the memory for them.
 
 use vgstereo_core::matcher::DisparityLine;
 use vgstereo_firmware::{DisparitySink, Fault, FrameInfo};
 
-/// A whole frame of disparities.
+/// A whole frame of disparities with their confidences. Both are row-major without gaps:
+/// `info.region.height` lines of `info.region.width` columns.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DisparityFrame {
-    /// Number, time and region: `region.width` columns and `region.height` lines.
+    /// The number and the time of the frame, and the region of the reference view that has
+    /// disparities.
     pub info: FrameInfo,
-    /// Disparities of the reference view, 1/16 px, row-major without gaps;
+    /// The disparity of each pixel of the region, 1/16 px;
     /// [`INVALID`](vgstereo_core::disparity::INVALID) where none is known.
     pub disparities_q4: Vec<i16>,
+    /// The confidence of each disparity, 0 to 255; 0 where it was filled in or is not known.
+    pub confidences: Vec<u8>,
 }
 
-/// A line is not the next one of the frame that is being collected.
+/// The error of a [`FrameCollector`]: a call does not continue the frame that is being
+/// collected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct UnexpectedLine;
 
@@ -25,7 +30,7 @@ impl std::fmt::Display for UnexpectedLine {
 
 impl std::error::Error for UnexpectedLine {}
 
-/// Assembles frames; keeps the last whole one.
+/// A sink that collects the lines of frames, and keeps the last whole frame.
 #[derive(Debug, Clone, Default)]
 pub struct FrameCollector {
     partial: Option<DisparityFrame>,
@@ -34,24 +39,25 @@ pub struct FrameCollector {
 }
 
 impl FrameCollector {
-    /// A collector that has seen nothing.
+    /// Returns a collector that has not seen any frame.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// The last whole frame.
+    /// Returns the last whole frame; `None` if there was none, or if it was taken.
     #[must_use]
     pub fn frame(&self) -> Option<&DisparityFrame> {
         self.whole.as_ref()
     }
 
-    /// Takes the last whole frame out.
+    /// Removes the last whole frame from the collector and returns it.
     pub fn take_frame(&mut self) -> Option<DisparityFrame> {
         self.whole.take()
     }
 
-    /// The frames aborted so far, with the reasons.
+    /// Returns the numbers of the frames that were aborted, each with its fault, in the order
+    /// in which this happened.
     #[must_use]
     pub fn aborted(&self) -> &[(u32, Fault)] {
         &self.aborted
@@ -68,6 +74,7 @@ impl DisparitySink for FrameCollector {
         self.partial = Some(DisparityFrame {
             info: *info,
             disparities_q4: Vec::new(),
+            confidences: Vec::new(),
         });
         Ok(())
     }
@@ -80,13 +87,15 @@ impl DisparitySink for FrameCollector {
         let is_next = frame == partial.info.frame
             && u64::from(line.line) == u64::from(region.y) + lines
             && lines < u64::from(region.height)
-            && (line.column, line.disparities_q4.len()) == (region.x, columns);
+            && (line.column, line.disparities_q4.len()) == (region.x, columns)
+            && line.confidences.len() == columns;
         if !is_next {
             return Err(UnexpectedLine);
         }
         partial
             .disparities_q4
             .extend_from_slice(line.disparities_q4);
+        partial.confidences.extend_from_slice(line.confidences);
         Ok(())
     }
 
@@ -131,7 +140,7 @@ mod tests {
             line,
             column: 2,
             disparities_q4,
-            confidences: &[1; 3],
+            confidences: &[7, 0, 255],
         }
     }
 
@@ -146,6 +155,7 @@ mod tests {
         let frame = collector.take_frame().unwrap();
         assert_eq!(frame.info, INFO);
         assert_eq!(frame.disparities_q4, [16, 32, INVALID, 0, -16, 1]);
+        assert_eq!(frame.confidences, [7, 0, 255, 7, 0, 255]);
     }
 
     #[test]
@@ -158,6 +168,14 @@ mod tests {
         assert!(collector.line(8, &line(1, &[0; 3])).is_err(), "frame");
         assert!(collector.line(7, &line(2, &[0; 3])).is_err(), "line");
         assert!(collector.line(7, &line(1, &[0; 4])).is_err(), "width");
+        let without_confidences = DisparityLine {
+            confidences: &[],
+            ..line(1, &[0; 3])
+        };
+        assert!(
+            collector.line(7, &without_confidences).is_err(),
+            "confidences"
+        );
         assert!(collector.end_frame(&INFO).is_err(), "lines to come");
         for number in [1, 2] {
             collector.line(7, &line(number, &[0; 3])).unwrap();

@@ -1,24 +1,27 @@
-//! From images to the lines that the matcher takes.
+//! Conversion of images to the lines that a matcher takes.
 
+use anyhow::{Context, Result};
 use image::RgbImage;
 use vgstereo_core::camera::PixelFormat;
 
-/// A pair of views of the same size as a camera would deliver them, line by line.
+/// A rectified pair of views, both of one size, stored as a camera delivers them: line by
+/// line, from the top.
 #[derive(Debug, Clone)]
 pub struct Views {
-    /// Left view, row-major without gaps.
+    /// Bytes of the left view, row-major without gaps.
     pub left: Vec<u8>,
-    /// Right view, likewise.
+    /// Bytes of the right view, row-major without gaps.
     pub right: Vec<u8>,
-    /// Columns, px.
+    /// Width of each view, px.
     pub width: u16,
-    /// How pixels are stored.
+    /// Pixel format of both views.
     pub format: PixelFormat,
 }
 
 impl Views {
-    /// The views of a pair of images of the same size: RGB, or grey when asked for or
-    /// when there is no colour in either. `None` when they are wider than 65535 px.
+    /// Returns the views of two images that have one size, or `None` when these are wider
+    /// than 65535 px. Pixels are grey with `grey` or when neither image has colour; otherwise
+    /// they are RGB.
     #[must_use]
     pub fn new(left: &RgbImage, right: &RgbImage, grey: bool) -> Option<Self> {
         let is_grey =
@@ -36,7 +39,16 @@ impl Views {
         })
     }
 
-    /// The same in grey.
+    /// Returns what [`Views::new`] does, with an error in place of `None`.
+    ///
+    /// # Errors
+    /// Fails with one line that states the limit when the images are too wide.
+    pub fn from_images(left: &RgbImage, right: &RgbImage, grey: bool) -> Result<Self> {
+        Self::new(left, right, grey)
+            .with_context(|| format!("images are at most {} px wide", u16::MAX))
+    }
+
+    /// Returns these views with every pixel replaced by its luma.
     #[must_use]
     pub fn to_grey(&self) -> Self {
         let lines = |view: &[u8]| {
@@ -52,7 +64,7 @@ impl Views {
         }
     }
 
-    /// The pairs of lines from the top.
+    /// Returns the pairs of lines, left and right, from the top.
     pub fn lines(&self) -> impl Iterator<Item = (&[u8], &[u8])> {
         let bytes = self.format.line_bytes(self.width).max(1);
         self.left

@@ -6,14 +6,11 @@ pub mod surface;
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_core::camera::PixelFormat;
-use vgstereo_core::config::{Config, Parameters};
-use vgstereo_core::disparity::DisparityRange;
+use vgstereo_core::config::{Config, Output, Parameters};
 use vgstereo_core::kernel::Kernels;
 use vgstereo_core::matcher::{DisparityLine, Matcher};
 use vgstereo_core::view::View;
-use vgstereo_sim::frame::match_frame;
-use vgstereo_sim::kernels::HostKernels;
-use vgstereo_sim::metrics::BadPixels;
+use vgstereo_sim::prepared::Prepared;
 use vgstereo_sim::scene::Scene;
 use vgstereo_sim::views::Views;
 
@@ -110,6 +107,20 @@ impl Pair {
         map
     }
 
+    /// Returns the pair for the host simulator, as views in this format.
+    ///
+    /// # Panics
+    /// Panics when the pair is wider than 65535 px.
+    #[must_use]
+    pub fn views(&self, format: PixelFormat) -> Views {
+        Views {
+            left: self.left.clone(),
+            right: self.right.clone(),
+            width: self.width.try_into().unwrap(),
+            format,
+        }
+    }
+
     /// The pairs of lines from the top, of views in this format.
     pub fn lines(&self, format: PixelFormat) -> impl Iterator<Item = (&[u8], &[u8])> {
         let bytes = self.width * format.bytes_per_pixel();
@@ -133,14 +144,9 @@ pub fn bad_percent_beyond(
     scene: &Scene,
     grey: bool,
 ) -> f64 {
-    let views = Views::new(&scene.left, &scene.right, grey).unwrap();
-    let config = Config {
-        format: views.format,
-        ..Config::new(parameters, views.width, DisparityRange::up_to(scene.d_max))
-    };
-    let matched = match_frame(&config, &views, HostKernels::fastest(), 1).unwrap();
-    let truth = scene.truth.as_ref().unwrap();
-    let bad = BadPixels::measure(&matched.disparities_q4, truth, threshold_px, false);
+    let scene = Prepared::new(scene.clone(), grey).unwrap();
+    let matched = scene.matched(parameters, Output::Dense, 1).unwrap();
+    let bad = scene.measure(&matched, threshold_px, false).unwrap();
     bad.average().unwrap()
 }
 

@@ -11,7 +11,6 @@ use vgstereo_core::preset::{DEFAULT_SEED, Preset};
 use vgstereo_core::synapse::{Support, SynapseError};
 use vgstereo_sim::frame::match_frame;
 use vgstereo_sim::kernels::HostKernels;
-use vgstereo_sim::views::Views;
 use vgstereo_tests::{Map, Pair};
 
 /// The reference configuration: Middlebury's Teddy.
@@ -359,12 +358,7 @@ fn threads_give_the_same_frame() {
         .flat_map(|h| formats.map(|f| (h, f)))
     {
         let pair = Pair::random_in(format, 61, height, 30, 9);
-        let views = Views {
-            left: pair.left.clone(),
-            right: pair.right.clone(),
-            width: 61,
-            format,
-        };
+        let views = pair.views(format);
         for (preset, reference) in Preset::ALL
             .into_iter()
             .flat_map(|preset| references.map(|reference| (preset, reference)))

@@ -258,12 +258,7 @@ proptest! {
             width: width.clamp(1, config.width - x),
             height: u32::from(height / 2) + 1,
         };
-        let views = Views {
-            left: pair.left.clone(),
-            right: pair.right.clone(),
-            width: config.width,
-            format: config.format,
-        };
+        let views = pair.views(config.format);
         let kernels = HostKernels::fastest();
         let alone = pair.stream_with_confidences(&config, kernels);
         let matched = match_frame(&config, &views, kernels, 2).unwrap();

@@ -1,4 +1,4 @@
-//! The boards.
+//! The boards that the firmware is built for.
 
 use core::fmt;
 use core::str::FromStr;
@@ -6,35 +6,37 @@ use core::str::FromStr;
 /// A board that the firmware is built for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Board {
-    /// Name on the command line and in tables.
+    /// The name on the command line and in tables.
     pub name: &'static str,
-    /// Folder below `firmware/boards`, also the package's name.
+    /// The name of its package, and of the folder below `firmware/boards` that holds it.
     pub folder: &'static str,
-    /// Rust's name of its processor.
+    /// The target triple that its firmware is compiled for.
     pub target: &'static str,
-    /// Flags of the compiler besides those of the folder.
+    /// Compiler flags in addition to those that the folder configures.
     pub compiler_flags: &'static [&'static str],
-    /// The emulator that stands in for it, if there is one.
+    /// How it is emulated; `None` for a board that runs only as hardware.
     pub emulation: Option<Emulation>,
-    /// Whether its memory is for grey pairs of half the size of the benchmarks'.
+    /// Whether its memory is too small for the pairs of the benchmarks, so that it gets them
+    /// in grey and half as large.
     pub is_small: bool,
 }
 
 /// How a board is emulated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Emulation {
-    /// The emulator's program.
+    /// The name of the emulator's program.
     pub program: &'static str,
-    /// The board in that emulator.
+    /// The arguments that choose the board in that emulator.
     pub arguments: &'static [&'static str],
-    /// `log2` of the emulator's nanoseconds per instruction, where instructions are counted.
+    /// The base-2 logarithm of the time that an instruction takes in the emulator, ns, when
+    /// instructions are counted.
     pub count_shift: u8,
 }
 
 const ARM_TARGET: &str = "thumbv7em-none-eabihf";
 const RISCV_TARGET: &str = "riscv32imac-unknown-none-elf";
 
-/// STM32F405, Cortex-M4F: the reference.
+/// The reference board: STM32F405, a Cortex-M4F.
 pub const STM32F405: Board = Board {
     name: "stm32f405",
     folder: "stm32f405",
@@ -48,7 +50,7 @@ pub const STM32F405: Board = Board {
     is_small: true,
 };
 
-/// Arm's MPS2 board with the image AN500, Cortex-M7.
+/// Arm's MPS2 board with the FPGA image AN500, a Cortex-M7.
 pub const MPS2_AN500: Board = Board {
     name: "mps2-an500",
     folder: "mps2-an500",
@@ -62,7 +64,7 @@ pub const MPS2_AN500: Board = Board {
     is_small: false,
 };
 
-/// RV32IMAC, a soft-core's stand-in.
+/// A virtual RISC-V board with the instruction set RV32IMAC, in place of a soft core.
 pub const RISCV_VIRT: Board = Board {
     name: "riscv-virt",
     folder: "riscv-virt",
@@ -83,7 +85,7 @@ pub const RISCV_VIRT: Board = Board {
     is_small: false,
 };
 
-/// The same with the instructions of Zbb.
+/// The virtual RISC-V board with the bit manipulation instructions of Zbb as well.
 pub const RISCV_VIRT_ZBB: Board = Board {
     name: "riscv-virt-zbb",
     compiler_flags: &["-Ctarget-feature=+zbb"],
@@ -95,7 +97,7 @@ pub const RISCV_VIRT_ZBB: Board = Board {
     ..RISCV_VIRT
 };
 
-/// NUCLEO-H743ZI2, Cortex-M7, with a camera: not emulated.
+/// NUCLEO-H743ZI2, a Cortex-M7 with a camera. It is not emulated.
 pub const STM32H743: Board = Board {
     name: "stm32h743",
     folder: "stm32h743",
@@ -106,28 +108,28 @@ pub const STM32H743: Board = Board {
 };
 
 impl Board {
-    /// All boards.
+    /// All boards, emulated or not.
     pub const ALL: [Self; 5] = [STM32F405, MPS2_AN500, RISCV_VIRT, RISCV_VIRT_ZBB, STM32H743];
 
-    /// All that are emulated.
+    /// Returns all boards that are emulated.
     pub fn emulated() -> impl Iterator<Item = Self> {
         let all = Self::ALL.into_iter();
         all.filter(|board| board.emulation.is_some())
     }
 
-    /// How the board is emulated.
+    /// Returns how the board is emulated.
     ///
     /// # Errors
-    /// When it is not.
+    /// Fails with [`NotEmulated`] when it runs only as hardware.
     pub fn emulation(&self) -> Result<Emulation, NotEmulated> {
         self.emulation.ok_or(NotEmulated { board: self.name })
     }
 }
 
-/// A board has no emulator.
+/// The error for a board that has no emulator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NotEmulated {
-    /// The board's name.
+    /// The name of the board.
     pub board: &'static str,
 }
 
@@ -143,7 +145,7 @@ impl fmt::Display for NotEmulated {
 
 impl std::error::Error for NotEmulated {}
 
-/// No board has this name.
+/// The error for a name that no board has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct UnknownBoard;
 

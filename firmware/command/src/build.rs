@@ -1,4 +1,4 @@
-//! Building the boards' firmware, and linting it.
+//! Builds the firmware of the boards, and lints it.
 
 use std::ffi::OsString;
 use std::io::IsTerminal;
@@ -10,16 +10,16 @@ use anyhow::{Context, Result, ensure};
 use crate::board::Board;
 use crate::toolchain::Toolchain;
 
-/// The repository.
+/// Returns the folder of the repository.
 fn root() -> &'static Path {
     let own = Path::new(env!("CARGO_MANIFEST_DIR"));
     own.ancestors().nth(2).unwrap_or(own)
 }
 
-/// Builds a board's firmware as it is released; gives the file that was linked.
+/// Builds a board's firmware as it is released and returns the path of the linked file.
 ///
 /// # Errors
-/// When there is no compiler for the board or it does not compile.
+/// Fails when there is no compiler for the board or the firmware does not compile.
 pub fn build(board: &Board) -> Result<PathBuf> {
     let mut command = Command::new(cargo());
     command.arg("build");
@@ -35,10 +35,10 @@ pub fn build(board: &Board) -> Result<PathBuf> {
     Ok(folder.join(board.folder))
 }
 
-/// Lints a board's crate, and as they are for its processor the crates that differ there.
+/// Lints the crate of a board, and those shared crates whose code depends on the processor.
 ///
 /// # Errors
-/// When there is no clippy for the board's compiler or it finds something.
+/// Fails when there is no clippy for the board's compiler, or when clippy finds something.
 pub fn lint(board: &Board) -> Result<()> {
     let toolchain = toolchain(board)?;
     let linter = toolchain.linter()?.with_context(|| {
@@ -50,7 +50,7 @@ pub fn lint(board: &Board) -> Result<()> {
     let shared = ["-p", "vgstereo-chip-kernels", "-p", "vgstereo-emulated"];
     for (folder, packages) in [(board_folder(board), &[][..]), (root().into(), &shared[..])] {
         let mut command = Command::new(&linter);
-        // As cargo runs its subcommands.
+        // Cargo itself runs its subcommands like this.
         command.arg("clippy").env("CARGO", cargo());
         configure(&mut command, board, &toolchain);
         command.args(packages).args(["--", "-D", "warnings"]);
@@ -82,7 +82,8 @@ fn board_folder(board: &Board) -> PathBuf {
     root().join("firmware/boards").join(board.folder)
 }
 
-/// Flags change the library too: one folder for each set of them.
+/// Returns the folder that cargo builds in. Compiler flags change the standard library as
+/// well, so each set of them has its own folder.
 fn target_folder(board: &Board) -> PathBuf {
     let variant = match board.compiler_flags {
         [] => "plain",
@@ -91,18 +92,18 @@ fn target_folder(board: &Board) -> PathBuf {
     root().join("target/boards").join(variant)
 }
 
-/// Lets cargo compile with a toolchain for the board, as it is released.
+/// Adds the arguments and variables with which cargo compiles a release for the board.
 fn configure(command: &mut Command, board: &Board, toolchain: &Toolchain) {
     command
         .args(["--release", "--locked", "--target", board.target])
         .arg("--target-dir")
         .arg(target_folder(board))
         .stdout(std::io::stderr());
-    // Where nobody looks on, only what is wrong is said.
+    // Without a terminal, only warnings and errors are printed.
     if !std::io::stderr().is_terminal() {
         command.arg("--quiet");
     }
-    // What is set for the host's build is not meant for the board's.
+    // Settings for builds of the host must not change those of the board.
     for variable in ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_BUILD_TARGET"] {
         command.env_remove(variable);
     }
@@ -117,7 +118,7 @@ fn configure(command: &mut Command, board: &Board, toolchain: &Toolchain) {
             .args(["-Zbuild-std=core", "--config", &setting])
             .env("RUSTC", "/usr/bin/rustc")
             .env("RUSTC_BOOTSTRAP", "1");
-        // Takes no flash.
+        // The section of stack sizes takes no flash.
         flags.push("-Zemit-stack-sizes");
     }
     if !flags.is_empty() {

@@ -1,4 +1,4 @@
-//! What was linked: sizes, functions, calls.
+//! Reads linked firmware: its sizes, functions and calls.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -8,25 +8,25 @@ use object::elf::PT_LOAD;
 use object::read::elf::{ElfFile32, ElfSymbol32, FileHeader, ProgramHeader};
 use object::{Object, ObjectSection, ObjectSymbol, RelocationTarget, SectionKind, SymbolKind};
 
-/// The symbol of the memory that a board lends.
+/// The symbol of the memory that a board lends to matcher and session.
 const LENT_MEMORY: &str = "lent_memory";
 
-/// Bytes of a board's firmware.
+/// The sizes of a board's firmware, bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sizes {
-    /// Code, constants and initial values.
+    /// Flash: code, constants and initial values.
     pub flash_bytes: u64,
-    /// Statics, without the lent memory.
+    /// Static RAM, without the lent memory.
     pub statics_bytes: u64,
-    /// The memory that is lent to matcher and session.
+    /// The static RAM that is lent to matcher and session.
     pub lent_bytes: usize,
 }
 
 impl Sizes {
-    /// Of a linked file.
+    /// Returns the sizes of the firmware in a linked file.
     ///
     /// # Errors
-    /// When the file cannot be read or is no board's firmware.
+    /// Fails when the file cannot be read or is not the firmware of a board.
     pub fn read(path: &Path) -> Result<Self> {
         let bytes =
             std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
@@ -54,12 +54,13 @@ impl Sizes {
     }
 }
 
-/// Bit 0 of a function's address tells Thumb code.
+/// Returns the address of a function's code. Bit 0 of a symbol's address is not a part of it:
+/// it marks Thumb code.
 pub(crate) const fn code_address(address: u64) -> u64 {
     address & !1
 }
 
-/// The names of all functions by their address.
+/// Returns the names of all functions by their address.
 pub(crate) fn functions<'file>(file: &'file ElfFile32<'_>) -> BTreeMap<u64, &'file str> {
     file.symbols()
         .filter(|symbol| symbol.kind() == SymbolKind::Text && symbol.size() > 0)
@@ -67,8 +68,11 @@ pub(crate) fn functions<'file>(file: &'file ElfFile32<'_>) -> BTreeMap<u64, &'fi
         .collect()
 }
 
-/// Where code refers to what, as the relocations tell that it was linked with: calls, and
-/// pointers to functions and data.
+/// Returns the address of each reference in the code, with the symbol that it refers to: calls,
+/// and pointers to functions and data. They come from the relocations that the linker has kept.
+///
+/// # Errors
+/// Fails when a relocation names a symbol that is not in the file.
 pub(crate) fn calls<'data, 'file>(
     file: &'file ElfFile32<'data>,
 ) -> Result<Vec<(u64, ElfSymbol32<'data, 'file>)>> {

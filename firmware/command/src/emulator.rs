@@ -1,4 +1,5 @@
-//! A board in its emulator: files in, files and a report out.
+//! Runs a board in its emulator. The board reads its lines from a file, and writes files of
+//! disparities and confidences and a report.
 
 use std::ffi::CStr;
 use std::fs::{self, File};
@@ -17,27 +18,27 @@ use crate::host::Frames;
 use crate::log;
 use crate::pair::Pair;
 
-/// An emulator that runs longer hangs.
+/// The longest time that a run may take; an emulator that takes longer is considered hung.
 const LONGEST_RUN: Duration = Duration::from_secs(600);
 
-/// What the board logs: the emulator's standard output.
+/// The file for the board's log, which is the emulator's standard output.
 const LOG_FILE: &CStr = c"log.defmt";
-/// What the emulator complains of.
+/// The file for the emulator's standard error.
 const COMPLAINT_FILE: &CStr = c"complaint.txt";
 
-/// How an emulator keeps time.
+/// How time passes for an emulated board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Clock {
-    /// The host's: fast, but instructions are not counted.
+    /// It is the host's time. This is fast, but instructions are not counted.
     Host,
-    /// An instruction takes a fixed time: counts are the same in every run.
+    /// Each instruction takes a fixed time, so that counts are equal in every run.
     Instructions,
 }
 
-/// Runs a board's firmware on a pair, without its log.
+/// Runs a board's firmware on a pair and returns all whole frames with the board's report.
 ///
 /// # Errors
-/// As [`run_logged`].
+/// Fails with one line that says what the emulator or the board complains of.
 pub fn run(
     board: &Board,
     firmware: &Path,
@@ -49,10 +50,11 @@ pub fn run(
     Ok((frames, report))
 }
 
-/// Runs a board's firmware on a pair; gives the lines of its log too.
+/// Runs a board's firmware on a pair and returns all whole frames, the board's report and the
+/// lines of its log.
 ///
 /// # Errors
-/// One line that says what the emulator or the board complains of.
+/// Fails with one line that says what the emulator or the board complains of.
 pub fn run_logged(
     board: &Board,
     firmware: &Path,
@@ -83,7 +85,7 @@ pub fn run_logged(
         .args(["-display", "none", "-monitor", "none", "-serial", "none"])
         .args(["-semihosting-config", &semihosting, "-kernel"])
         .arg(firmware)
-        // The board's files are opened here.
+        // The board opens its files in this folder.
         .current_dir(folder.path())
         .stdin(Stdio::null())
         .stdout(create(LOG_FILE)?)
@@ -113,7 +115,7 @@ pub fn run_logged(
         disparities: read(DISPARITIES_FILE)?,
         confidences: read(CONFIDENCES_FILE)?,
     };
-    // What is after the whole frames is of one that was aborted.
+    // What follows the whole frames belongs to a frame that was aborted.
     let pixels = u64::from(report.statistics.frames)
         * u64::from(pair.left.width())
         * u64::from(pair.left.height());

@@ -1,95 +1,74 @@
-//! What the host makes of the same request.
+//! Runs of a board's requests on the host, and the comparison of the two results.
 
-use core::convert::Infallible;
-
-use anyhow::{Result, anyhow};
+use anyhow::{Context, Result, anyhow};
 use vgstereo_core::camera::LinePairSource;
-use vgstereo_core::matcher::{DisparityLine, Matcher};
+use vgstereo_core::matcher::Matcher;
 use vgstereo_emulated::Request;
 use vgstereo_firmware::scripted::FaultyCamera;
-use vgstereo_firmware::{DisparitySink, Fault, FrameInfo, Session, Statistics, session};
+use vgstereo_firmware::{Session, Statistics, session};
 use vgstereo_sim::kernels::HostKernels;
+use vgstereo_sim::sink::{DisparityFrame, FrameCollector};
 
 use crate::pair::Pair;
 
-/// Whole frames one after another, row-major, as a board's sink writes them.
+/// The bytes of whole frames, one frame after another, row-major, as a board's sink writes
+/// them.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Frames {
-    /// Disparities, 1/16 px, two bytes each, little-endian.
+    /// The disparity of each pixel, 1/16 px, in two bytes, little-endian.
     pub disparities: Vec<u8>,
-    /// Their confidences.
+    /// The confidence of each disparity, 0 to 255, in one byte.
     pub confidences: Vec<u8>,
 }
 
 impl Frames {
-    /// The disparities, 1/16 px.
+    /// Returns the disparity of each pixel, 1/16 px.
     #[must_use]
     pub fn disparities_q4(&self) -> Vec<i16> {
         let values = self.disparities.as_chunks().0.iter();
         values.map(|&bytes| i16::from_le_bytes(bytes)).collect()
     }
-}
 
-/// Collects all whole frames.
-#[derive(Debug, Default)]
-struct Collector {
-    frames: Frames,
-    /// Pixels of the whole ones.
-    pixels: usize,
-}
-
-impl DisparitySink for Collector {
-    type Error = Infallible;
-
-    fn begin_frame(&mut self, _: &FrameInfo) -> Result<(), Infallible> {
-        Ok(())
-    }
-
-    fn line(&mut self, _: u32, line: &DisparityLine<'_>) -> Result<(), Infallible> {
-        let bytes = line.disparities_q4.iter().flat_map(|d| d.to_le_bytes());
-        self.frames.disparities.extend(bytes);
-        self.frames.confidences.extend_from_slice(line.confidences);
-        Ok(())
-    }
-
-    fn end_frame(&mut self, _: &FrameInfo) -> Result<(), Infallible> {
-        self.pixels = self.frames.confidences.len();
-        Ok(())
-    }
-
-    fn abort_frame(&mut self, _: u32, _: Fault) {
-        self.frames.confidences.truncate(self.pixels);
-        self.frames.disparities.truncate(2 * self.pixels);
+    /// Appends a whole frame.
+    fn push(&mut self, frame: &DisparityFrame) {
+        let bytes = frame.disparities_q4.iter().flat_map(|d| d.to_le_bytes());
+        self.disparities.extend(bytes);
+        self.confidences.extend_from_slice(&frame.confidences);
     }
 }
 
-/// Matches a pair as a request asks, with the fastest kernels of this machine.
+/// Matches a pair as a request asks, with the fastest kernels of this machine, and returns all
+/// whole frames with the counters of the session.
 ///
 /// # Errors
-/// When the request is not valid or its frames do not come whole.
+/// Fails when the request is not valid, or when more frames fail than the request has faults.
 pub fn run(pair: &Pair, request: &Request) -> Result<(Frames, Statistics)> {
     let config = request.config();
     let camera = FaultyCamera::new(pair.camera()?, &request.faults);
     let mut memory = vec![0; config.memory_words()];
     let mut lines = vec![0; session::memory_words(&camera.geometry())];
     let matcher = Matcher::new(&config, HostKernels::fastest(), &mut memory)?;
-    let mut session = Session::new(camera, matcher, Collector::default(), &mut lines)?;
-    let mut frames = 0;
+    let mut session = Session::new(camera, matcher, FrameCollector::new(), &mut lines)?;
+    let mut frames = Frames::default();
+    let mut whole = 0;
     let mut failures = 0;
-    while frames < request.frames {
+    while whole < request.frames {
         match session.run_frame() {
-            Ok(_) => frames += 1,
-            // Each fault costs a frame at most.
+            Ok(_) => {
+                let frame = session.sink_mut().take_frame();
+                frames.push(&frame.context("the session finished a frame")?);
+                whole += 1;
+            }
+            // Each fault costs one frame at most.
             Err(_) if failures < request.faults.len() => failures += 1,
             Err(error) => return Err(anyhow!("{error}")),
         }
     }
-    let statistics = session.statistics();
-    let (_, _, collector) = session.into_parts();
-    Ok((collector.frames, statistics))
+    Ok((frames, session.statistics()))
 }
 
-/// Where two results differ first, if they do.
+/// Returns a text that names the first pixel in which two results differ; `None` if they are
+/// equal. `width` is that of each frame, px.
 #[must_use]
 pub fn first_difference(board: &Frames, host: &Frames, width: u32) -> Option<String> {
     let pixel = |bytes_each: usize, board: &[u8], host: &[u8]| {
@@ -115,6 +94,30 @@ pub fn first_difference(board: &Frames, host: &Frames, width: u32) -> Option<Str
 #[cfg(test)]
 mod tests {
     use super::*;
+    use vgstereo_core::preset::Preset;
+    use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
+
+    /// An aborted frame leaves nothing behind, and the frames after it are collected.
+    #[test]
+    fn all_whole_frames_are_collected() {
+        let pair = Pair::rendered(64, 40, 16);
+        let run = |frames, faults: &[ScriptedFault]| {
+            let request = pair.request(Preset::Lite, frames, faults).unwrap();
+            super::run(&pair, &request).unwrap()
+        };
+        let (one, _) = run(1, &[]);
+        assert_eq!(one.confidences.len(), 64 * 40);
+        assert_eq!(one.disparities_q4().len(), 64 * 40);
+        let fault = ScriptedFault {
+            frame: 1,
+            line: 30,
+            kind: FaultKind::Truncated,
+        };
+        let (three, statistics) = run(3, &[fault]);
+        assert_eq!((statistics.frames, statistics.frames_dropped), (3, 1));
+        assert_eq!(three.disparities, one.disparities.repeat(3));
+        assert_eq!(three.confidences, one.confidences.repeat(3));
+    }
 
     #[test]
     fn differences_are_found_where_they_are() {

@@ -1,11 +1,11 @@
-//! The host's side of the firmware: boards are built, those with an emulator fed with images and
-//! held to the host's own results, byte for byte.
+//! The command `cargo firmware`: it builds the firmware of the boards, runs the emulated ones
+//! on images, and compares their results with those of the host, byte for byte.
 //!
-//! From the bottom up: [`board`] knows the boards, [`toolchain`] finds what builds for
-//! them, [`build`] builds, [`elf`] and [`panics`] look into what was linked, [`log`] takes the
-//! texts of a board's log from it; [`pair`]
-//! prepares images, [`emulator`] runs a board on them and [`host`] the same here;
-//! [`commands`] are the verbs of `cargo firmware`.
+//! From the bottom up: [`board`] describes the boards, [`toolchain`] finds the compilers and
+//! emulators for them, and [`build`] builds their firmware. [`elf`], [`panics`] and [`stack`]
+//! look into the linked files, and [`log`] decodes what a board logs. [`pair`] prepares images,
+//! [`host`] matches them here, and [`emulator`] runs a board on them. [`commands`] are the
+//! verbs of `cargo firmware`.
 
 pub mod board;
 pub mod build;

@@ -1,14 +1,15 @@
-//! What a board logs with defmt.
+//! Decodes what a board logs with defmt.
 
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use defmt_decoder::{DecodeError, Table};
 
-/// The lines of a log, with their levels; the linked file has the texts.
+/// Returns the lines of a log, each with its level. The log holds only numbers; the texts are
+/// in the linked file.
 ///
 /// # Errors
-/// When the file has no texts or the log is none of its.
+/// Fails when the linked file has no texts, or when the log is not one of this firmware.
 pub fn lines(firmware: &Path, log: &[u8]) -> Result<Vec<String>> {
     let name = firmware.display();
     let file = std::fs::read(firmware).with_context(|| format!("cannot read {name}"))?;

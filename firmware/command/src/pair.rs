@@ -1,4 +1,4 @@
-//! Pairs of images for the boards.
+//! Pairs of images as the cameras of the boards send them.
 
 use std::path::Path;
 
@@ -18,23 +18,25 @@ use vgstereo_sim::scene::Scene;
 
 use crate::board::Board;
 
-/// A pair as a board's camera sends it.
+/// A rectified pair of images with the pixel format in which a board's camera sends it and the
+/// disparities that the board searches.
 #[derive(Debug, Clone)]
 pub struct Pair {
-    /// Name for tables.
+    /// The name in tables.
     pub name: String,
-    /// Left view.
+    /// The left view.
     pub left: RgbImage,
-    /// Right view, of the same size.
+    /// The right view; its size is that of the left view.
     pub right: RgbImage,
-    /// How pixels are sent.
+    /// The pixel format on the wire.
     pub format: PixelFormat,
-    /// Disparities to search.
+    /// The disparities to search.
     pub disparities: DisparityRange,
 }
 
 impl Pair {
-    /// The built-in scene, in grey.
+    /// Returns the built-in scene in grey, `width` x `height` px, with `disparities`
+    /// disparities from 0 on.
     #[must_use]
     pub fn rendered(width: u32, height: u32, disparities: u16) -> Self {
         let scene = render(&RenderOptions {
@@ -49,15 +51,17 @@ impl Pair {
         }
     }
 
-    /// A scene from disk as it fits a board: grey and half as large on a small one.
+    /// Loads a scene so that it fits a board: in grey and half as large on a small board,
+    /// whole and in colour on the others.
     ///
     /// # Errors
-    /// When the scene cannot be read.
+    /// Fails when the scene cannot be read.
     pub fn load(folder: &Path, board: &Board) -> Result<Self> {
         let pair = Self::from(load_scene(folder)?);
         Ok(if board.is_small { pair.halved() } else { pair })
     }
 
+    /// Returns the pair in grey with half the width, height and disparities.
     fn halved(self) -> Self {
         let half = |view: &RgbImage| thumbnail(view, view.width() / 2, view.height() / 2);
         Self {
@@ -69,7 +73,7 @@ impl Pair {
         }
     }
 
-    /// Leaves the first `lines` lines.
+    /// Cuts both views to their first `lines` lines.
     pub fn cut(&mut self, lines: u32) {
         for view in [&mut self.left, &mut self.right] {
             let (width, height) = view.dimensions();
@@ -77,28 +81,29 @@ impl Pair {
         }
     }
 
-    /// The camera that sends it for ever.
+    /// Returns a camera that sends this pair as every frame.
     ///
     /// # Errors
-    /// When the views differ in size or are too wide.
+    /// Fails when the views differ in size, are empty or are too wide.
     pub fn camera(&self) -> Result<SimulatedCamera> {
         let (left, right) = (self.left.clone(), self.right.clone());
         let camera = SimulatedCamera::new(left, right, Layout::SideBySide, self.format)?;
         Ok(camera)
     }
 
-    /// What the camera is.
+    /// Returns the size of the views and the pixel format.
     ///
     /// # Errors
-    /// As [`Pair::camera`].
+    /// Fails when there is no camera for this pair; see [`Pair::camera`].
     pub fn geometry(&self) -> Result<Geometry> {
         Ok(self.camera()?.geometry())
     }
 
-    /// The lines of a frame, of each the left view's bytes and then the right's.
+    /// Returns the bytes of a frame: for each line those of the left view, then those of the
+    /// right view.
     ///
     /// # Errors
-    /// As [`Pair::camera`].
+    /// Fails when there is no camera for this pair; see [`Pair::camera`].
     pub fn lines(&self) -> Result<Vec<u8>> {
         let mut camera = self.camera()?;
         let line_bytes = self.geometry()?.line_bytes();
@@ -110,10 +115,12 @@ impl Pair {
         Ok(lines)
     }
 
-    /// The request to match this pair.
+    /// Returns the request to match this pair with `preset` until `frames` frames are whole,
+    /// while the camera has these faults.
     ///
     /// # Errors
-    /// As [`Pair::camera`]; when there are more faults than a board takes.
+    /// Fails when there is no camera for this pair, see [`Pair::camera`], or when there are
+    /// more faults than a board takes.
     pub fn request(
         &self,
         preset: Preset,
@@ -133,7 +140,7 @@ impl Pair {
         Ok(request)
     }
 
-    /// Width, height and number of disparities.
+    /// Returns width, height and number of disparities as text, such as `160x120x32`.
     #[must_use]
     pub fn size(&self) -> String {
         let (width, height) = self.left.dimensions();

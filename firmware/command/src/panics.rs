@@ -1,7 +1,7 @@
-//! Panics that the pipeline could still reach in what was linked.
+//! Finds the panics that the pipeline could still reach in linked firmware.
 //!
-//! The boards are linked with their relocations, which show every call, and with line
-//! tables, which tell what source a call was inlined from.
+//! The linker keeps the relocations of the boards, which show every call, and their line
+//! tables, which tell the source that a call was inlined from.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -14,38 +14,40 @@ use object::{Object, ObjectSection, ObjectSymbol};
 
 use crate::elf;
 
-/// Sources of the pipeline.
+/// Parts of the paths of the pipeline's sources.
 const PIPELINE: [&str; 2] = ["/core/src/", "/firmware/src/"];
 
-/// Sources of what reads the command line, holds the files and writes the report.
+/// Parts of the paths of the sources around the pipeline, which read the command line, hold the
+/// files and write the report. They may panic.
 const AROUND: [&str; 3] = [
     "/firmware/src/scripted.rs",
     "/firmware/emulated/src/",
     "/firmware/boards/",
 ];
 
-/// The language's own library, whose folders look like ours.
+/// A part of the paths of Rust's own library, whose folders have names like ours.
 const LIBRARY: &str = "/library/";
 
-/// Names that all panic functions have a part of.
+/// A part of the names of all panic functions.
 const PANIC: &str = "panicking";
 
 /// A call in the linked code.
 struct Call {
-    /// The function that it stands in.
+    /// The name of the calling function.
     from: String,
-    /// The function that is called.
+    /// The name of the called function.
     to: String,
-    /// The source lines it was inlined from, innermost first.
+    /// The source lines that the call was inlined from, innermost first.
     lines: Vec<String>,
 }
 
-/// The calls by which the pipeline reaches a panic function, with their source lines. A call
-/// belongs to the innermost of our own sources that it was inlined from; one in a function
-/// of another crate to whoever calls that.
+/// Returns the calls by which the pipeline reaches a panic function, each with its source
+/// lines. A call belongs to the innermost of our own sources that it was inlined from. A call
+/// in a function of another crate belongs to the callers of that function.
 ///
 /// # Errors
-/// When the file cannot be read or shows no such call at all, not even around the pipeline.
+/// Fails when the file cannot be read, or when it shows no call of a panic function at all:
+/// around the pipeline there always are some.
 pub fn of_pipeline(path: &Path) -> Result<Vec<String>> {
     let calls = calls(path)?;
     let is_of = |line: &str, sources: &[&str]| {
@@ -57,7 +59,7 @@ pub fn of_pipeline(path: &Path) -> Result<Vec<String>> {
         .map(|call| call.to.as_str())
         .filter(|name| name.contains(PANIC))
         .collect();
-    // Reading the command line has some.
+    // The code that reads the command line calls some.
     ensure!(
         !panicking.is_empty(),
         "{} shows no call of a panic function at all",
@@ -90,7 +92,7 @@ fn calls(path: &Path) -> Result<Vec<Call>> {
     let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     let file: ElfFile32 = ElfFile32::parse(&*bytes)
         .with_context(|| format!("{} is not a 32-bit ELF file", path.display()))?;
-    // Read as they are: what was linked needs no relocation any more.
+    // Sections are read unchanged: relocations were applied when the file was linked.
     let dwarf = Dwarf::load(|section| {
         let section = file.section_by_name(section.name());
         let bytes = section.map_or(Ok(&[][..]), |section| section.data())?;

@@ -1,4 +1,5 @@
-//! The worst stack by the compiler's word: frames along the deepest chain of calls.
+//! The largest stack that firmware may need: the stack frames, as the compiler states them,
+//! along the deepest chain of calls.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,16 +11,18 @@ use object::{Object, ObjectSection, ObjectSymbol};
 
 use crate::elf;
 
-/// Where the compiler states the frame of each function, if it is asked to.
+/// The section in which the compiler states the size of each function's stack frame, if it is
+/// asked to.
 const FRAMES: &str = ".stack_sizes";
 
-/// Most bytes of stack along any chain of calls. A call by a pointer is in none: text is
-/// formatted by such, the pipeline has none. A function within itself counts once: only a
-/// panic is. None if the frames are not stated: for that the compiler must take unstable
-/// options.
+/// Returns the most bytes of stack along any chain of calls; `None` if the file does not state
+/// the frames, for which the compiler must accept unstable options.
+///
+/// Calls by a pointer are left out: formatting of text makes them, the pipeline does not. A
+/// function that calls itself counts once: only panics do.
 ///
 /// # Errors
-/// When the file cannot be read.
+/// Fails when the file cannot be read.
 pub fn deepest_bytes(path: &Path) -> Result<Option<u64>> {
     let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     let file: ElfFile32 = ElfFile32::parse(&*bytes)
@@ -50,8 +53,8 @@ pub fn deepest_bytes(path: &Path) -> Result<Option<u64>> {
     Ok(deepest.max())
 }
 
-/// Bytes of a function's frame and of the deepest chain below it; where functions call each
-/// other in turn, of one turn at most.
+/// Returns the bytes of a function's frame and of the deepest chain of calls below it. Where
+/// functions call each other in a circle, one turn at most is counted.
 fn depth(
     function: u64,
     frames: &BTreeMap<u64, u64>,
@@ -61,11 +64,11 @@ fn depth(
     if let Some(&known) = depths.get(&function) {
         return known;
     }
-    // Until it is known: whoever calls it from below adds nothing.
+    // Until its depth is known, a call of this function from below adds nothing.
     depths.insert(function, 0);
     let below = callees.get(&function).into_iter().flatten();
     let below = below.map(|&callee| depth(callee, frames, callees, depths));
-    // What is written in assembly states no frame; it has none worth counting.
+    // Functions in assembly do not state a frame; theirs are too small to count.
     let depth = frames.get(&function).unwrap_or(&0) + below.max().unwrap_or(0);
     depths.insert(function, depth);
     depth

@@ -1,4 +1,5 @@
-//! What builds for the boards and emulates them: found by looking.
+//! Finds the compilers and emulators for the boards on this machine, and installs them on
+//! Debian.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -8,31 +9,31 @@ use anyhow::{Context, Result, bail, ensure};
 
 use crate::board::Board;
 
-/// Debian's compiler, which comes with the source of the library.
+/// Debian's compiler. Its packages bring the source of the standard library.
 const DEBIAN_COMPILER: &str = "/usr/bin/rustc";
 const DEBIAN_LIBRARY: &str = "/usr/lib/rustlib/src/rust/library/core/src/lib.rs";
 const DEBIAN_COMPILER_PACKAGES: [&str; 2] = ["rustc-web", "rust-web-src"];
-/// Its clippy.
+/// The clippy of Debian's compiler.
 const DEBIAN_LINTER: &str = "/usr/bin/cargo-clippy";
 const DEBIAN_LINTER_PACKAGE: &str = "rust-web-clippy";
 
 /// A compiler for a target.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Toolchain {
-    /// Cargo's own, with the target installed by rustup.
+    /// The compiler that cargo uses, with the target installed by rustup.
     Rustup,
-    /// Debian's, which builds the library from its source.
+    /// Debian's compiler, which builds the standard library from its source.
     Debian {
-        /// The linker.
+        /// The path of LLVM's linker.
         linker: PathBuf,
     },
 }
 
 impl Toolchain {
-    /// The toolchain for a target, if there is one.
+    /// Returns the toolchain for a target; `None` if none is installed.
     ///
     /// # Errors
-    /// When there is no Rust compiler at all.
+    /// Fails when there is no Rust compiler at all.
     pub fn find(target: &str) -> Result<Option<Self>> {
         let libraries = sysroot()?.join("lib/rustlib");
         if libraries.join(target).is_dir() {
@@ -45,10 +46,10 @@ impl Toolchain {
         Ok(linker(&libraries)?.map(|linker| Self::Debian { linker }))
     }
 
-    /// Its clippy, if there is one.
+    /// Returns the path of its clippy; `None` if it is not installed.
     ///
     /// # Errors
-    /// When there is no Rust compiler at all.
+    /// Fails when there is no Rust compiler at all.
     pub fn linter(&self) -> Result<Option<PathBuf>> {
         let path = match self {
             Self::Rustup => sysroot()?.join("bin/cargo-clippy"),
@@ -58,7 +59,8 @@ impl Toolchain {
     }
 }
 
-/// LLVM's linker: the one that Rust's own toolchain brings, or another on the path.
+/// Returns the path of LLVM's linker: the one that Rust's own toolchain in `libraries` brings,
+/// or another on the path.
 fn linker(libraries: &Path) -> Result<Option<PathBuf>> {
     let entries = std::fs::read_dir(libraries)
         .with_context(|| format!("cannot read {}", libraries.display()))?;
@@ -69,7 +71,7 @@ fn linker(libraries: &Path) -> Result<Option<PathBuf>> {
     Ok(all.find(|path| path.is_file()))
 }
 
-/// The folder of the compiler that cargo uses.
+/// Returns the folder of the compiler that cargo uses.
 fn sysroot() -> Result<PathBuf> {
     let compiler = std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
     let output = Command::new(&compiler)
@@ -85,32 +87,32 @@ fn sysroot() -> Result<PathBuf> {
     Ok(path.trim_end().into())
 }
 
-/// A program on the path.
+/// Returns where the path has this program; `None` if it does not.
 fn program(name: &str) -> Option<PathBuf> {
     let folders = std::env::var_os("PATH")?;
     let mut all = std::env::split_paths(&folders).map(|folder| folder.join(name));
     all.find(|path| path.is_file())
 }
 
-/// Something that a board needs.
+/// Something that boards need to be built, linted or run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Need {
-    /// What it is.
+    /// A name for the user.
     pub what: String,
-    /// Where it was found.
+    /// Where it was found; `None` if it is missing.
     pub found: Option<String>,
-    /// How else than with `setup --install` it is installed.
+    /// How the user can install it without `setup --install`.
     pub remedy: String,
-    /// Debian's packages of it.
+    /// The packages that have it on Debian.
     pub packages: Vec<&'static str>,
-    /// Whether nothing but linting needs it.
+    /// Whether it is needed only to lint.
     pub is_for_lint: bool,
 }
 
-/// What a set of boards needs, each need once.
+/// Returns what a set of boards needs, each need once.
 ///
 /// # Errors
-/// When there is no Rust compiler at all.
+/// Fails when there is no Rust compiler at all.
 pub fn needs(boards: &[Board]) -> Result<Vec<Need>> {
     let targets: BTreeSet<_> = boards.iter().map(|board| board.target).collect();
     let emulators: BTreeSet<_> = boards
@@ -176,10 +178,10 @@ pub fn needs(boards: &[Board]) -> Result<Vec<Need>> {
     Ok(needs)
 }
 
-/// Refuses boards for which something is missing to build and run them.
+/// Checks that everything is there to build these boards and to run the emulated ones.
 ///
 /// # Errors
-/// One line that names what is missing and how to install it.
+/// Fails with one line that names what is missing and how to install it.
 pub fn ensure_complete(boards: &[Board]) -> Result<()> {
     let mut missing = needs(boards)?;
     missing.retain(|need| need.found.is_none() && !need.is_for_lint);
@@ -196,10 +198,10 @@ pub fn ensure_complete(boards: &[Board]) -> Result<()> {
     )
 }
 
-/// Installs what is missing, on Debian.
+/// Installs what is missing for these boards with Debian's `apt-get`.
 ///
 /// # Errors
-/// When `apt-get` is not there or fails.
+/// Fails when there is no `apt-get` or when it fails.
 pub fn install(boards: &[Board]) -> Result<()> {
     let missing = needs(boards)?
         .into_iter()

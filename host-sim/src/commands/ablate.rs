@@ -1,4 +1,4 @@
-//! `vgstereo ablate`: what each stage of a preset is worth, and what it costs.
+//! `vgstereo ablate`: how accuracy, time and memory change when a preset lacks one of its stages.
 
 use std::path::PathBuf;
 
@@ -7,15 +7,17 @@ use clap::Args;
 use vgstereo_core::config::{Aggregation, Method, Output, Parameters};
 use vgstereo_core::preset::Preset;
 
-use super::eval::Prepared;
-use super::{kib, parse_preset, percent, progress_bar, table};
+use crate::arguments::parse_preset;
 use crate::dataset::find_scenes;
 use crate::metrics::mean;
+use crate::prepared::Prepared;
+use crate::tables::{kib, percent, table};
+use crate::terminal::progress_bar;
 
-/// Frames of each scene are matched this often; the fastest counts.
+/// The number of times that each scene is matched. The time of the fastest one is taken.
 const REPEATS: usize = 3;
 
-/// Arguments of `vgstereo ablate`.
+/// The arguments of `vgstereo ablate`.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: vgstereo ablate middlebury tsukuba venus teddy cones --preset balanced"
@@ -33,10 +35,10 @@ pub struct Ablate {
     threshold: f32,
 }
 
-/// A stage's name, whether there is one to leave out, and how.
+/// The name of a stage, and a function that leaves it out and returns whether it was there.
 type Removal = (&'static str, fn(&mut Aggregation) -> bool);
 
-/// The stages in the order of the data.
+/// The stages in the order in which data pass them.
 const REMOVALS: [Removal; 12] = [
     ("colour", |a| std::mem::replace(&mut a.colour, false)),
     ("smoothing", |a| std::mem::take(&mut a.smoothing_step) > 0),
@@ -53,7 +55,7 @@ const REMOVALS: [Removal; 12] = [
         std::mem::take(&mut a.p2_adaptation_q4) > 0
     }),
     ("aggregation", |a| {
-        // Without penalties, every path is the pixel's own cost.
+        // Without penalties, the cost of every path is that of its pixel alone.
         (a.p1, a.p2, a.p2_floor) = (0, 0, 0);
         true
     }),
@@ -69,10 +71,10 @@ const REMOVALS: [Removal; 12] = [
 ];
 
 impl Ablate {
-    /// Measures the preset whole and without each stage; prints a table.
+    /// Measures the whole preset, and the preset without each of its stages, and returns a table.
     ///
     /// # Errors
-    /// One line that names the file or option and the reason.
+    /// Fails with one line that names the file or option and the reason.
     pub fn run(self) -> Result<String> {
         ensure!(self.threshold > 0.0, "--threshold must be above 0");
         let parameters = self.preset.parameters();

@@ -1,4 +1,5 @@
-//! `vgstereo` without a command: a built-in scene through camera, session and matcher.
+//! `vgstereo` without a command: the demo, in which the built-in scene goes through simulated
+//! camera, session and matcher.
 
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -13,7 +14,6 @@ use vgstereo_core::matcher::Matcher;
 use vgstereo_core::preset::Preset;
 use vgstereo_firmware::{Session, session};
 
-use super::{kib, milliseconds, percent, table};
 use crate::camera::SimulatedCamera;
 use crate::dataset::save_scene;
 use crate::exposure::Exposure;
@@ -25,11 +25,12 @@ use crate::pictures::{colour_disparities, error_map};
 use crate::render::{RenderOptions, SIDE_MAX_PX, SIDE_MIN_PX, render};
 use crate::scene::Scene;
 use crate::sink::FrameCollector;
+use crate::tables::{kib, milliseconds, percent, table};
 
-/// The benchmark's usual threshold, px.
+/// The usual threshold of the benchmark, px: disparities further from the ground truth are bad.
 const THRESHOLD_PX: f32 = 1.0;
 
-/// Arguments of the demo.
+/// The arguments of the demo.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "The demo's scene and camera")]
 pub struct Demo {
@@ -45,7 +46,8 @@ pub struct Demo {
     /// Largest disparity in the scene and in the search, px, at most half the width.
     #[arg(long, value_name = "N", default_value_t = RenderOptions::default().d_max)]
     d_max: u16,
-    /// Contrast of the surfaces' textures: 1 as they are, 0 bare paint under light and shadow.
+    /// Contrast of the surfaces' textures, 0 to 1: at 1 whole, at 0 even paint under light and
+    /// shadow.
     #[arg(long, value_name = "X", default_value_t = RenderOptions::default().texture)]
     texture: f32,
     /// Standard deviation of the sensors' noise, grey levels.
@@ -68,13 +70,13 @@ pub struct Demo {
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum Wire {
-    /// A port per sensor.
+    /// Each sensor has its own port.
     Separate,
-    /// Left line and right line as one line of twice the width.
+    /// The left and the right line make one line of twice the width.
     SideBySide,
-    /// Left line, then right line.
+    /// The left line comes first, then the right line.
     LineMultiplexed,
-    /// Left pixel, then right pixel.
+    /// Left and right pixels alternate, the left one first.
     PixelMultiplexed,
 }
 
@@ -108,18 +110,21 @@ impl From<Pixels> for PixelFormat {
     }
 }
 
-/// One preset's run.
+/// The result of matching the scene with one preset.
 struct Run {
+    /// The disparity of each left pixel, 1/16 px, row-major.
     disparities_q4: Vec<i16>,
     time: Duration,
+    /// The bytes of working memory of matcher and session.
     working_bytes: usize,
 }
 
 impl Demo {
-    /// Renders, matches with every preset, prints the table and writes the pictures.
+    /// Renders the scene, matches it with every preset, writes the pictures and returns the
+    /// table.
     ///
     /// # Errors
-    /// One line that names the option or file and the reason.
+    /// Fails with one line that names the option or file and the reason.
     pub fn run(self) -> Result<String> {
         let sides = SIDE_MIN_PX..=SIDE_MAX_PX;
         ensure!(
@@ -197,7 +202,7 @@ impl Demo {
         let exact: Vec<i16> = truth
             .left_px
             .iter()
-            // Within the range of disparities, and so of 1/16 px.
+            // Disparities are in their range, so that they fit in 1/16 px.
             .map(|px| (px * f32::from(STEPS_PER_PX)).round() as i16)
             .collect();
         let range = DisparityRange::up_to(scene.d_max);
@@ -230,7 +235,7 @@ impl Demo {
         Ok(text)
     }
 
-    /// One frame from the simulated camera through the session.
+    /// Matches one frame that the simulated camera sends through the session.
     fn match_scene(&self, scene: &Scene, preset: Preset) -> Result<Run> {
         let (left, right) = (scene.left.clone(), scene.right.clone());
         let mut camera = SimulatedCamera::new(left, right, self.layout.into(), self.pixels.into())?;

@@ -1,4 +1,4 @@
-//! `vgstereo exposure`: what a difference in exposure between the two cameras costs.
+//! `vgstereo exposure`: how many more pixels are bad when the two cameras differ in exposure.
 
 use std::path::PathBuf;
 
@@ -8,13 +8,15 @@ use serde::Serialize;
 use vgstereo_core::config::{Method, Output};
 use vgstereo_core::preset::Preset;
 
-use super::eval::Prepared;
-use super::{parse_preset, percent, progress_bar, table};
+use crate::arguments::parse_preset;
 use crate::dataset::{ensure_distinct, find_scenes, load_scene};
 use crate::exposure::Exposure;
+use crate::prepared::Prepared;
 use crate::render::{RenderOptions, render};
+use crate::tables::{percent, table};
+use crate::terminal::progress_bar;
 
-/// Arguments of `vgstereo exposure`.
+/// The arguments of `vgstereo exposure`.
 #[derive(Debug, Args)]
 #[command(
     after_help = "The built-in scene is rendered with each exposure; of scenes in a folder the right view's\n\
@@ -40,7 +42,8 @@ pub struct ExposureWedge {
     json: bool,
 }
 
-/// The right camera's exposures: gain, its gradient, offset, its gradient. Equal first.
+/// The exposures of the right camera: gain, gradient of the gain, offset and gradient of the
+/// offset. The first one is equal to that of the left camera.
 const WEDGE: [[f32; 4]; 17] = [
     [1.0, 0.0, 0.0, 0.0],
     [0.6, 0.0, 0.0, 0.0],
@@ -61,7 +64,7 @@ const WEDGE: [[f32; 4]; 17] = [
     [1.0, 0.0, 0.0, -60.0],
 ];
 
-/// What `--json` prints.
+/// The JSON that `--json` prints.
 #[derive(Debug, Serialize)]
 struct Report {
     scenes: Vec<SceneReport>,
@@ -75,9 +78,9 @@ struct SceneReport {
 
 #[derive(Debug, Serialize)]
 struct ExposureReport {
-    /// Of the first line and of the last.
+    /// The gain in the first line and in the last line.
     gain: [f64; 2],
-    /// Likewise, grey levels.
+    /// The offset in the first line and in the last line, grey levels.
     offset: [f64; 2],
     presets: Vec<PresetReport>,
 }
@@ -85,16 +88,17 @@ struct ExposureReport {
 #[derive(Debug, Serialize)]
 struct PresetReport {
     preset: String,
+    /// The bad pixels, percent, averaged over the masks.
     average: Option<f64>,
-    /// More than with equal exposure, percent.
+    /// The average less that with equal exposure, percent.
     cost: Option<f64>,
 }
 
 impl ExposureWedge {
-    /// Measures every scene at every exposure; prints tables or JSON.
+    /// Measures every scene at every exposure and returns a table or JSON.
     ///
     /// # Errors
-    /// One line that names the file or option and the reason.
+    /// Fails with one line that names the file or option and the reason.
     pub fn run(self) -> Result<String> {
         ensure!(self.threshold > 0.0, "--threshold must be above 0");
         let presets: Vec<Preset> = if self.preset.is_empty() {
@@ -175,6 +179,7 @@ impl ExposureWedge {
     }
 }
 
+/// Returns the table of all scenes and exposures, and a line below it that explains the figures.
 fn results_table(report: &Report, presets: &[Preset], threshold_px: f32) -> String {
     let mut header = vec!["scene", "gain", "offset"];
     header.extend(presets.iter().flat_map(|preset| [preset.name(), "cost"]));
@@ -199,7 +204,8 @@ fn results_table(report: &Report, presets: &[Preset], threshold_px: f32) -> Stri
     )
 }
 
-/// A number of the first line and of the last.
+/// Returns the number of the first line and that of the last line as text; one number if they
+/// are equal.
 fn from_to([first, last]: [f64; 2]) -> String {
     let number = |value: f64| format!("{}", (value * 100.0).round() / 100.0);
     if first == last {

@@ -1,4 +1,4 @@
-//! `vgstereo match`: a rectified pair of images in, a disparity map out.
+//! `vgstereo match`: matches a rectified pair of images and writes the disparity map.
 
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -10,17 +10,19 @@ use vgstereo_core::config::Config;
 use vgstereo_core::disparity::{DisparityRange, Reference};
 use vgstereo_core::preset::Preset;
 
-use super::{Overrides, kib, milliseconds, output_of, parse_preset, views_of};
+use crate::arguments::{Overrides, output_of, parse_preset};
 use crate::disparity_files::DisparityFormat;
 use crate::files::{encode, read_image, write_files};
 use crate::frame::match_frame;
 use crate::kernels::HostKernels;
 use crate::pictures::colour_disparities;
+use crate::tables::{kib, milliseconds};
+use crate::views::Views;
 
-/// The largest disparity searched unless another is asked for, px.
+/// The largest disparity that is searched when `--d-max` is not given, px.
 const DEFAULT_D_MAX: u16 = 63;
 
-/// Arguments of `vgstereo match`.
+/// The arguments of `vgstereo match`.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Left column x matches right column x - d. The map is of the reference view.\n\n\
@@ -81,10 +83,11 @@ enum View {
 }
 
 impl Match {
-    /// Matches the pair and writes the map.
+    /// Matches the pair, writes the disparity map and returns the text to print.
     ///
     /// # Errors
-    /// One line that names the file or option and the reason; nothing is written then.
+    /// Fails with one line that names the file or option and the reason. Nothing is written
+    /// then.
     pub fn run(self) -> Result<String> {
         if let Some(path) = &self.color {
             let png = path
@@ -109,8 +112,8 @@ impl Match {
             right.width(),
             right.height()
         );
-        let views =
-            views_of(&left, &right, self.grey).with_context(|| self.left.display().to_string())?;
+        let views = Views::from_images(&left, &right, self.grey)
+            .with_context(|| self.left.display().to_string())?;
         let width = views.width;
         let disparities = self.disparities(width)?;
         let format = DisparityFormat::choose(&self.out, self.scale, disparities)?;
@@ -148,6 +151,7 @@ impl Match {
         Ok(text)
     }
 
+    /// Returns the disparities to search in lines of `width` px.
     fn disparities(&self, width: u16) -> Result<DisparityRange> {
         let widest = i32::from(width) - 1;
         let d_max = match self.d_max {

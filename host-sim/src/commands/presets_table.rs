@@ -1,4 +1,4 @@
-//! `vgstereo presets`: what each preset is and what it takes.
+//! `vgstereo presets`: lists the presets with their parameters, memory and latency.
 
 use anyhow::{Result, ensure};
 use clap::Args;
@@ -7,10 +7,11 @@ use vgstereo_core::config::Config;
 use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::preset::Preset;
 
-use super::{kib, parse_preset, table};
+use crate::arguments::parse_preset;
 use crate::parameters::to_toml;
+use crate::tables::{kib, table};
 
-/// Arguments of `vgstereo presets`.
+/// The arguments of `vgstereo presets`.
 #[derive(Debug, Args)]
 pub struct Presets {
     /// Width of the images, px. Their height does not matter: memory does not grow with it.
@@ -25,10 +26,10 @@ pub struct Presets {
 }
 
 impl Presets {
-    /// Prints the table, or one preset as TOML.
+    /// Returns the table of the presets, or the parameters of one of them as TOML.
     ///
     /// # Errors
-    /// When the disparities do not fit the width.
+    /// Fails when the disparities do not fit the width.
     pub fn run(self) -> Result<String> {
         if let Some(preset) = self.toml {
             return to_toml(&preset.parameters());

@@ -1,4 +1,5 @@
-//! `vgstereo sweep`: the error over the number of synapses and sigma (Figures 3 to 6).
+//! `vgstereo sweep`: measures bad pixels over the number of synapses and sigma, as in Figures 3
+//! to 6 of the paper.
 
 use std::path::PathBuf;
 
@@ -10,12 +11,14 @@ use serde::Serialize;
 use vgstereo_core::config::Output;
 use vgstereo_core::preset::Preset;
 
-use super::eval::Prepared;
-use super::{Overrides, parse_preset, percent, progress_bar, table};
+use crate::arguments::{Overrides, parse_preset};
 use crate::dataset::{ensure_distinct, find_scenes};
 use crate::files::write_files;
+use crate::prepared::Prepared;
+use crate::tables::{percent, table};
+use crate::terminal::progress_bar;
 
-/// Arguments of `vgstereo sweep`.
+/// The arguments of `vgstereo sweep`.
 #[derive(Debug, Args)]
 #[command(
     after_help = "The lists default to the paper's grid. Frames are matched in parallel, one per processor.\n\n\
@@ -59,16 +62,19 @@ pub struct Sweep {
     plot: Option<PathBuf>,
 }
 
-/// What `--json` prints.
+/// The JSON that `--json` prints.
 #[derive(Debug, Serialize)]
 struct Report {
     points: Vec<Point>,
 }
 
+/// The bad pixels of one scene with one number of synapses and one sigma, percent. A figure is
+/// `None` when the scene does not have its mask.
 #[derive(Debug, Clone, Serialize)]
 struct Point {
     scene: String,
     synapses: u16,
+    /// The standard deviation of the synapses' offsets, px.
     sigma: f32,
     nonocc: Option<f64>,
     all: Option<f64>,
@@ -77,10 +83,10 @@ struct Point {
 }
 
 impl Sweep {
-    /// Measures every point; prints a table or JSON and plots.
+    /// Measures every point, writes the plot if it is wanted, and returns a table or JSON.
     ///
     /// # Errors
-    /// One line that names the file or option and the reason.
+    /// Fails with one line that names the file or option and the reason.
     pub fn run(self) -> Result<String> {
         ensure!(self.threshold > 0.0, "--threshold must be above 0");
         if let Some(path) = &self.plot {
@@ -129,6 +135,7 @@ impl Sweep {
         Ok(text)
     }
 
+    /// Matches and measures a scene with one number of synapses and one sigma.
     fn point(&self, scene: &Prepared, synapses: u16, sigma: f32) -> Result<Point> {
         let overrides = Overrides {
             synapses: Some(synapses),
@@ -149,7 +156,7 @@ impl Sweep {
         })
     }
 
-    /// One row per scene and number of synapses, one column per sigma.
+    /// Returns a table with one row per scene and number of synapses, and one column per sigma.
     fn results_table(&self, points: &[Point], scenes: &[Prepared]) -> String {
         let sigmas: Vec<String> = self.sigma.iter().map(|s| format!("sigma {s}")).collect();
         let mut header = vec!["scene", "synapses"];
@@ -170,7 +177,7 @@ impl Sweep {
     }
 }
 
-/// Draws the averages over sigma as SVG text.
+/// Returns a plot of the averages over sigma as the text of an SVG file.
 fn plot(points: &[Point], scenes: &[Prepared]) -> Result<String, Box<dyn std::error::Error>> {
     const PANEL: (u32, u32) = (460, 340);
     let columns = scenes.len().clamp(1, 2);

@@ -1,88 +1,64 @@
-//! Colours of surfaces, from noise at the surface point: every view sees the same.
+//! Colours of surfaces. They depend only on the surface point, so that both views show equal
+//! colours.
 //!
 //! Detail finer than a pixel fades to its mean, so that it does not alias differently in
 //! the two views.
 
-use super::geometry::Vec3;
+use super::noise::{
+    edge, fractal2, fractal3, fraction, hash, mix, noise2, noise3, pebbles, split, step, visible,
+};
+use super::vector::Vec3;
 
-/// Red, green and blue as displayed, 0 to 1.
+/// Red, green and blue as they are displayed, each 0 to 1.
 pub type Colour = [f64; 3];
 
-/// What a surface looks like.
+/// The material of a surface, which decides its texture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Material {
-    /// Brick wall, partly under smooth plaster.
+    /// A brick wall, partly under smooth plaster.
     Wall,
-    /// Slab path between gravel.
+    /// A path of slabs between gravel.
     Ground,
-    /// Wooden crate.
+    /// The wood of a crate.
     Crate,
     /// Veined stone.
     Marble,
-    /// Glazed ball with wavy bands.
+    /// The glaze of a ball, with wavy bands.
     Glaze,
-    /// Tree bark.
+    /// The bark of a tree.
     Bark,
     /// Tin with a diamond pattern.
     Tin,
-    /// Printed board.
+    /// A printed board.
     Board,
-    /// Diagonal lattice, open between the slats.
+    /// A diagonal lattice, open between its slats.
     Lattice,
-    /// Bamboo cane.
+    /// A bamboo cane.
     Bamboo,
-    /// Plain painted or grown wood of thin parts.
+    /// The plain wood of thin parts, painted or grown.
     Stick,
-    /// Leaf, cut out of its sheet.
+    /// A leaf, cut out of its sheet.
     Leaf,
 }
 
 /// A place on a surface.
 #[derive(Debug, Clone, Copy)]
 pub struct Place {
-    /// World position, m.
+    /// The position in the world, m.
     pub point: Vec3,
-    /// Surface coordinates, m.
+    /// The coordinates on the surface, m.
     pub u: f64,
     pub v: f64,
     /// Half the extent of the surface along `u` and `v`, m.
     pub half_u: f64,
     pub half_v: f64,
-    /// Width of a pixel on the surface, m.
+    /// The width of a pixel on the surface, m.
     pub pixel: f64,
-    /// Makes objects of one material differ.
+    /// A number that makes the textures of objects of one material differ.
     pub tint: u32,
 }
 
-/// Mixes lattice coordinates and a seed into 32 even bits.
-pub fn hash(x: i32, y: i32, z: i32, seed: u32) -> u32 {
-    let mut bits = seed
-        ^ x.cast_unsigned().wrapping_mul(0x9E37_79B1)
-        ^ y.cast_unsigned().wrapping_mul(0x85EB_CA77).rotate_left(11)
-        ^ z.cast_unsigned().wrapping_mul(0xC2B2_AE3D).rotate_left(21);
-    bits = (bits ^ (bits >> 16)).wrapping_mul(0x21F0_AAAD);
-    bits = (bits ^ (bits >> 15)).wrapping_mul(0x735A_2D97);
-    bits ^ (bits >> 15)
-}
-
-/// Hash bits to 0..1.
-pub fn fraction(bits: u32) -> f64 {
-    f64::from(bits) / 4_294_967_296.0
-}
-
-/// Whole part, towards minus infinity, and the rest.
-fn split(value: f64) -> (i32, f64) {
-    // Saturates far outside the scene.
-    let whole = value as i32;
-    let whole = whole.saturating_sub(i32::from(value < f64::from(whole)));
-    (whole, value - f64::from(whole))
-}
-
-fn mix(a: f64, b: f64, share: f64) -> f64 {
-    a + (b - a) * share
-}
-
-/// `share` of `b`, the rest `a`.
+/// Returns `a` at `share` 0, `b` at `share` 1, and a mixture in proportion between.
 pub fn blend(a: Colour, b: Colour, share: f64) -> Colour {
     [
         mix(a[0], b[0], share),
@@ -95,111 +71,13 @@ fn scale(colour: Colour, factor: f64) -> Colour {
     colour.map(|channel| channel * factor)
 }
 
-/// 0 below `low`, 1 above `high`, smooth between.
-fn step(low: f64, high: f64, value: f64) -> f64 {
-    let share = ((value - low) / (high - low)).clamp(0.0, 1.0);
-    ease(share)
-}
-
-fn ease(share: f64) -> f64 {
-    share * share * (3.0 - 2.0 * share)
-}
-
-/// 1 where the sign of a threshold is clear, soft over a pixel about it.
-fn edge(threshold: f64, value: f64, pixel: f64) -> f64 {
-    step(threshold - pixel * 0.5, threshold + pixel * 0.5, value)
-}
-
-/// Value noise, -1 to 1, with features of size 1.
-fn noise2(x: f64, y: f64, seed: u32) -> f64 {
-    let ((column, fx), (row, fy)) = (split(x), split(y));
-    let corner =
-        |dx: i32, dy: i32| fraction(hash(column.wrapping_add(dx), row.wrapping_add(dy), 0, seed));
-    let (fx, fy) = (ease(fx), ease(fy));
-    let top = mix(corner(0, 0), corner(1, 0), fx);
-    let bottom = mix(corner(0, 1), corner(1, 1), fx);
-    mix(top, bottom, fy) * 2.0 - 1.0
-}
-
-fn noise3(point: Vec3, seed: u32) -> f64 {
-    let ((x, fx), (y, fy), (z, fz)) = (split(point.x), split(point.y), split(point.z));
-    let (fx, fy, fz) = (ease(fx), ease(fy), ease(fz));
-    let layer = |dz: i32| {
-        let corner = |dx: i32, dy: i32| {
-            fraction(hash(
-                x.wrapping_add(dx),
-                y.wrapping_add(dy),
-                z.wrapping_add(dz),
-                seed,
-            ))
-        };
-        mix(
-            mix(corner(0, 0), corner(1, 0), fx),
-            mix(corner(0, 1), corner(1, 1), fx),
-            fy,
-        )
-    };
-    mix(layer(0), layer(1), fz) * 2.0 - 1.0
-}
-
-/// How much of a detail `pixels` pixels wide is drawn.
-fn visible(pixels: f64) -> f64 {
-    step(0.8, 2.2, pixels)
-}
-
-/// Sums octaves of noise down to the size of a pixel; `pixel` is in units of `x` and `y`.
-fn octaves(pixel: f64, count: u32, noise: impl Fn(f64, u32) -> f64) -> f64 {
-    let (mut frequency, mut weight, mut sum) = (1.0, 0.6, 0.0);
-    for octave in 0..count {
-        let share = visible(1.0 / (frequency * pixel));
-        if share <= 0.0 {
-            break;
-        }
-        sum += weight * share * noise(frequency, octave);
-        frequency *= 2.07;
-        weight *= 0.68;
-    }
-    sum
-}
-
-fn fractal2(x: f64, y: f64, pixel: f64, count: u32, seed: u32) -> f64 {
-    octaves(pixel, count, |frequency, octave| {
-        noise2(x * frequency, y * frequency, seed.wrapping_add(octave))
-    })
-}
-
-fn fractal3(point: Vec3, pixel: f64, count: u32, seed: u32) -> f64 {
-    octaves(pixel, count, |frequency, octave| {
-        noise3(point * frequency, seed.wrapping_add(octave))
-    })
-}
-
-/// Pebbles of size 1: how far inside its pebble a place is, and the pebble's hash.
-fn pebbles(x: f64, y: f64, seed: u32) -> (f64, u32) {
-    let ((column, fx), (row, fy)) = (split(x), split(y));
-    let (mut first, mut second, mut found) = (9.0, 9.0, 0);
-    for dy in -1..=1 {
-        for dx in -1..=1 {
-            let bits = hash(column.wrapping_add(dx), row.wrapping_add(dy), 1, seed);
-            let px = f64::from(dx) + f64::from(bits & 0xFFFF) / 65536.0 - fx;
-            let py = f64::from(dy) + f64::from(bits >> 16) / 65536.0 - fy;
-            let distance = px * px + py * py;
-            if distance < first {
-                (second, first, found) = (first, distance, bits);
-            } else if distance < second {
-                second = distance;
-            }
-        }
-    }
-    (second.sqrt() - first.sqrt(), hash(0, 0, 2, found ^ seed))
-}
-
 fn pick(palette: &[Colour], bits: u32) -> Colour {
     let index = (bits >> 8) as usize % palette.len().max(1);
     palette.get(index).copied().unwrap_or_default()
 }
 
-/// Whether a sheet of `material` is solid at `(u, v)`.
+/// Returns whether a sheet of `material` is solid at `(u, v)`, m, rather than open. `half_u` and
+/// `half_v` are half the extents of the sheet, m.
 pub fn is_solid(material: Material, u: f64, v: f64, half_u: f64, half_v: f64) -> bool {
     match material {
         Material::Leaf => {
@@ -220,12 +98,12 @@ pub fn is_solid(material: Material, u: f64, v: f64, half_u: f64, half_v: f64) ->
     }
 }
 
-/// Distance between slats along `u + v`, m.
+/// The distance between the slats of the lattice along `u + v`, m.
 const LATTICE_STEP: f64 = 0.2;
-/// Width of a slat along `u + v`, m.
+/// The width of a slat of the lattice along `u + v`, m.
 const LATTICE_SLAT: f64 = 0.042;
 
-/// The colour of a material at a place.
+/// Returns the colour of a material at a place.
 pub fn colour(material: Material, place: &Place, seed: u32) -> Colour {
     let seed = seed ^ place.tint;
     match material {
@@ -250,7 +128,7 @@ pub fn colour(material: Material, place: &Place, seed: u32) -> Colour {
     }
 }
 
-/// A material without its texture: about the mean of its colours.
+/// Returns the colour of a material without its texture: about the mean of its colours.
 pub fn paint(material: Material) -> Colour {
     match material {
         Material::Wall => [0.74, 0.58, 0.48],
@@ -362,7 +240,7 @@ fn ground(place: &Place, seed: u32) -> Colour {
     blend(stones, blend(moss, slab, face), path)
 }
 
-/// Wood with the grain along `along`.
+/// Returns the colour of wood whose grain runs along the coordinate `along`.
 fn wood(along: f64, across: f64, pixel: f64, seed: u32) -> Colour {
     let bend = 0.05 * noise2(along * 3.0, across * 4.0, seed ^ 9);
     let rings = fractal2(
@@ -483,7 +361,7 @@ fn tin(place: &Place, seed: u32) -> Colour {
 
 fn board(place: &Place, seed: u32) -> Colour {
     let (half_u, half_v) = (place.half_u, place.half_v);
-    // From the upper left corner, as print runs.
+    // Print runs from the upper left corner.
     let (x, y) = (half_u - place.u, half_v - place.v);
     let paper = scale(
         [0.90, 0.87, 0.78],

@@ -1,4 +1,4 @@
-//! `cargo firmware bench`: instructions, RAM and flash.
+//! `cargo firmware bench`: instructions, RAM and flash that matching takes on emulated boards.
 
 use anyhow::Result;
 use clap::Args;
@@ -8,9 +8,10 @@ use vgstereo_core::preset::Preset;
 use vgstereo_emulated::Request;
 use vgstereo_emulated::meter::Stage;
 use vgstereo_emulated::request::HAMMING_CELLS;
-use vgstereo_sim::commands::{kib, progress_bar, table};
+use vgstereo_sim::tables::{kib, table};
+use vgstereo_sim::terminal::progress_bar;
 
-use super::EmulatedSelection;
+use super::selection::EmulatedSelection;
 use crate::board::{Board, MPS2_AN500, RISCV_VIRT, RISCV_VIRT_ZBB, STM32F405};
 use crate::build::build;
 use crate::elf::Sizes;
@@ -18,7 +19,8 @@ use crate::emulator::{self, Clock};
 use crate::pair::Pair;
 use crate::toolchain::ensure_complete;
 
-/// Board, width, height, disparities and presets.
+/// What is measured: a board, the width and height of the views in px, the number of
+/// disparities, and the presets.
 const CASES: [(Board, u32, u32, u16, &[Preset]); 5] = [
     (STM32F405, 160, 120, 32, &[Preset::Lite, Preset::Micro]),
     (STM32F405, 320, 240, 48, &[Preset::Lite, Preset::Micro]),
@@ -33,11 +35,12 @@ const CASES: [(Board, u32, u32, u16, &[Preset]); 5] = [
     (RISCV_VIRT_ZBB, 320, 240, 48, &[Preset::Lite, Preset::Micro]),
 ];
 
-/// Name of the rows of the Hamming stage alone: of 64 cells, without masks and levels.
+/// The name of the rows that measure the Hamming stage alone: distances of patterns of 64
+/// cells, without masks and without differences of levels.
 pub const HAMMING: &str = "hamming-64";
 const _: () = assert!(HAMMING_CELLS == 64);
 
-/// Arguments of `bench`.
+/// The arguments of `bench`.
 #[derive(Debug, Args)]
 #[command(
     after_help = "On the built-in scene in grey, one frame. The emulator counts instructions, not \
@@ -54,29 +57,29 @@ pub struct Bench {
     selection: EmulatedSelection,
 }
 
-/// What a board takes for a preset at a size.
+/// What a board takes to match views of one size with one preset.
 #[derive(Debug, Clone, Serialize)]
 pub struct Row {
-    /// The board.
+    /// The name of the board.
     pub board: &'static str,
-    /// The preset, or [`HAMMING`].
+    /// The name of the preset, or [`HAMMING`].
     pub preset: &'static str,
-    /// Columns, px.
+    /// The width of each view, px.
     pub width: u32,
-    /// Lines.
+    /// The height of each view, px.
     pub height: u32,
-    /// Disparities searched.
+    /// The number of disparities that are searched.
     pub disparities: u16,
-    /// Instructions of a frame, camera and sink left out, per pixel and disparity.
+    /// Instructions per pixel and disparity of one frame, without those of camera and sink.
     pub instructions_per_pixel_disparity: f64,
-    /// The same of each stage that is counted.
+    /// The name of each stage with its instructions per pixel and disparity.
     #[serde(serialize_with = "as_map")]
     pub stages: Vec<(&'static str, f64)>,
-    /// Statics, and what matcher and session take of the lent memory.
+    /// Bytes of statics, and of the lent memory as far as matcher and session use it.
     pub static_ram_bytes: u64,
-    /// Most stack in use at a time.
+    /// Bytes of stack: the most that was in use at a time.
     pub stack_bytes: u32,
-    /// Code and constants; with every preset.
+    /// Bytes of flash: code, constants and initial values, with every preset linked in.
     pub flash_bytes: u64,
 }
 
@@ -90,10 +93,11 @@ fn as_map<S: Serializer>(stages: &[(&str, f64)], serializer: S) -> Result<S::Ok,
 }
 
 impl Bench {
-    /// Counts.
+    /// Builds the firmware, runs all cases with instructions counted, and returns a table or
+    /// JSON.
     ///
     /// # Errors
-    /// One line that says what is missing or fails.
+    /// Fails with one line that says what is missing or fails.
     pub fn run(self) -> Result<String> {
         let boards = self.selection.boards();
         ensure_complete(&boards)?;

@@ -1,15 +1,18 @@
-//! The verbs of `cargo firmware`, each with its arguments and what it prints.
+//! The verbs of `cargo firmware`. Each has its arguments, and a `run` that returns what to
+//! print.
 
 use anyhow::Result;
 use clap::{Args, Parser, Subcommand};
 
-use crate::board::{Board, UnknownBoard};
+use vgstereo_sim::tables::table;
+
 use crate::build::{build, lint};
 use crate::toolchain::{ensure_complete, install, needs};
-use vgstereo_sim::commands::table;
+use selection::Selection;
 
 pub mod bench;
 pub mod run;
+pub mod selection;
 pub mod size;
 pub mod verify;
 
@@ -40,39 +43,6 @@ enum Verb {
     Size(size::Size),
 }
 
-/// One board or all.
-#[derive(Debug, Clone, Args)]
-pub struct Selection {
-    /// Only this board: stm32f405, mps2-an500, riscv-virt, riscv-virt-zbb or stm32h743.
-    #[arg(long, value_name = "B", value_parser = parse_board)]
-    board: Option<Board>,
-}
-
-impl Selection {
-    /// The boards meant.
-    #[must_use]
-    pub fn boards(&self) -> Vec<Board> {
-        self.board.map_or(Board::ALL.to_vec(), |board| vec![board])
-    }
-}
-
-/// One emulated board or all of them.
-#[derive(Debug, Clone, Args)]
-pub struct EmulatedSelection {
-    /// Only this board: stm32f405, mps2-an500, riscv-virt or riscv-virt-zbb.
-    #[arg(long, value_name = "B", value_parser = parse_emulated_board)]
-    board: Option<Board>,
-}
-
-impl EmulatedSelection {
-    /// The boards meant.
-    #[must_use]
-    pub fn boards(&self) -> Vec<Board> {
-        self.board
-            .map_or(Board::emulated().collect(), |board| vec![board])
-    }
-}
-
 #[derive(Debug, Args)]
 struct Setup {
     /// Install what is missing, on Debian, with apt-get.
@@ -83,10 +53,10 @@ struct Setup {
 }
 
 impl CommandLine {
-    /// Runs the verb; gives what to print.
+    /// Runs the verb and returns the text to print.
     ///
     /// # Errors
-    /// One line that says what is wrong or missing.
+    /// Fails with one line that says what is wrong or missing.
     pub fn run(self) -> Result<String> {
         match self.verb {
             Verb::Setup(setup) => setup.run(),
@@ -101,7 +71,7 @@ impl CommandLine {
             }
             Verb::Lint(selection) => {
                 let mut boards = selection.boards();
-                // Flags of the compiler do not change what there is to lint.
+                // Boards that differ only in compiler flags have one crate to lint.
                 boards.dedup_by_key(|board| board.folder);
                 let mut text = String::new();
                 for board in boards {
@@ -134,15 +104,4 @@ impl Setup {
         ensure_complete(&boards)?;
         Ok(format!("{table}\n"))
     }
-}
-
-fn parse_board(name: &str) -> Result<Board, String> {
-    name.parse()
-        .map_err(|error: UnknownBoard| error.to_string())
-}
-
-fn parse_emulated_board(name: &str) -> Result<Board, String> {
-    let board = parse_board(name)?;
-    board.emulation().map_err(|error| error.to_string())?;
-    Ok(board)
 }

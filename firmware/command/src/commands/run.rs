@@ -1,4 +1,4 @@
-//! `cargo firmware run`: a pair of images through a board.
+//! `cargo firmware run`: runs an emulated board on a pair of images.
 
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -9,11 +9,11 @@ use vgstereo_core::camera::PixelFormat;
 use vgstereo_core::disparity::DisparityRange;
 use vgstereo_core::preset::Preset;
 use vgstereo_firmware::scripted::{NotAFault, ScriptedFault};
-use vgstereo_sim::commands::parse_preset;
+use vgstereo_sim::arguments::parse_preset;
 use vgstereo_sim::disparity_files::DisparityFormat;
 use vgstereo_sim::files::{read_image, write_files};
 
-use super::parse_emulated_board;
+use super::selection::parse_emulated_board;
 use crate::board::Board;
 use crate::build::build;
 use crate::elf::Sizes;
@@ -21,7 +21,7 @@ use crate::emulator::{self, Clock};
 use crate::pair::Pair;
 use crate::toolchain::ensure_complete;
 
-/// Arguments of `run`.
+/// The arguments of `run`.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Without images, the built-in scene at 160x120 px. A fault is FRAME:LINE:KIND, \
@@ -40,8 +40,8 @@ pub struct Run {
     /// Right image, of the same size.
     #[arg(long, value_name = "FILE", requires = "left")]
     right: Option<PathBuf>,
-    /// Scene, a folder as `vgstereo eval` reads them; a small board gets it in grey and
-    /// half as large.
+    /// Folder of a scene, as `vgstereo eval` reads them. A small board gets the scene in grey
+    /// and half as large.
     #[arg(long, value_name = "DIR", conflicts_with = "left")]
     scene: Option<PathBuf>,
     /// Preset; `vgstereo presets` lists them.
@@ -56,7 +56,7 @@ pub struct Run {
     /// Whole frames to wait for; the last one is written.
     #[arg(long, value_name = "N", default_value_t = 1)]
     frames: u32,
-    /// A fault of the camera; may be repeated.
+    /// Fault of the camera. May be repeated.
     #[arg(long, value_name = "FAULT", value_parser = parse_fault)]
     fault: Vec<ScriptedFault>,
     /// Disparity map to write: .png or .pgm (value = disparity x scale, 0 = none), or .pfm
@@ -65,14 +65,14 @@ pub struct Run {
     out: PathBuf,
 }
 
-/// Disparities searched unless it is said otherwise.
+/// The number of disparities that are searched unless a scene or `--d-max` states another.
 const DEFAULT_DISPARITIES: u16 = 32;
 
 impl Run {
-    /// Runs the board and writes the map.
+    /// Runs the board, writes the disparity map and returns the text to print.
     ///
     /// # Errors
-    /// One line that names the file or option and the reason.
+    /// Fails with one line that names the file or option and the reason.
     pub fn run(self) -> Result<String> {
         ensure!(self.frames > 0, "--frames must be at least 1");
         let mut pair = self.pair()?;
@@ -120,9 +120,8 @@ impl Run {
         writeln!(text, "wrote {}", self.out.display())?;
         Ok(text)
     }
-}
 
-impl Run {
+    /// Returns the scene or the images that the options name, or else the built-in scene.
     fn pair(&self) -> Result<Pair> {
         if let Some(folder) = &self.scene {
             return Pair::load(folder, &self.board);

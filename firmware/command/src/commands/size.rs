@@ -1,17 +1,17 @@
-//! `cargo firmware size`: what was linked.
+//! `cargo firmware size`: bytes of flash and RAM that the linked firmware takes.
 
 use anyhow::Result;
 use clap::Args;
 use serde::Serialize;
-use vgstereo_sim::commands::table;
+use vgstereo_sim::tables::table;
 
-use super::Selection;
+use super::selection::Selection;
 use crate::build::build;
 use crate::elf::Sizes;
 use crate::stack::deepest_bytes;
 use crate::toolchain::ensure_complete;
 
-/// Arguments of `size`.
+/// The arguments of `size`.
 #[derive(Debug, Args)]
 pub struct Size {
     /// Print JSON.
@@ -27,7 +27,7 @@ struct Row {
     flash_bytes: u64,
     statics_bytes: u64,
     lent_bytes: usize,
-    /// As far as the compiler states frames.
+    /// `None` where the compiler does not state the stack frames of functions.
     deepest_stack_bytes: Option<u64>,
 }
 
@@ -37,10 +37,10 @@ struct Rows {
 }
 
 impl Size {
-    /// Builds and measures.
+    /// Builds the firmware of each board, measures it and returns a table or JSON.
     ///
     /// # Errors
-    /// One line that says what is missing or does not build.
+    /// Fails with one line that says what is missing or does not build.
     pub fn run(self) -> Result<String> {
         let selected = self.selection.boards();
         ensure_complete(&selected)?;

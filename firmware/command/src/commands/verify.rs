@@ -1,4 +1,4 @@
-//! `cargo firmware verify`: boards against the host, byte for byte.
+//! `cargo firmware verify`: compares emulated boards with the host, byte for byte.
 
 use std::path::{Path, PathBuf};
 
@@ -6,9 +6,10 @@ use anyhow::{Result, ensure};
 use clap::Args;
 use rayon::prelude::*;
 use vgstereo_core::preset::Preset;
-use vgstereo_sim::commands::{progress_bar, table};
+use vgstereo_sim::tables::table;
+use vgstereo_sim::terminal::progress_bar;
 
-use super::EmulatedSelection;
+use super::selection::EmulatedSelection;
 use crate::board::Board;
 use crate::build::build;
 use crate::elf::Sizes;
@@ -17,10 +18,10 @@ use crate::host;
 use crate::pair::Pair;
 use crate::toolchain::ensure_complete;
 
-/// The scenes of `MIDDLEBURY_DIR`.
+/// The scenes that are taken from the folder `MIDDLEBURY_DIR`.
 const SCENES: [&str; 4] = ["tsukuba", "venus", "teddy", "cones"];
 
-/// Arguments of `verify`.
+/// The arguments of `verify`.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Every preset that fits a board's memory, on the built-in scene and, where the \
@@ -28,14 +29,14 @@ const SCENES: [&str; 4] = ["tsukuba", "venus", "teddy", "cones"];
     in grey and half as large on a small board, whole and in colour on the others."
 )]
 pub struct Verify {
-    /// Only the first N lines of each pair: all of the firmware in less time.
+    /// Only the first N lines of each pair: all of the firmware runs, in less time.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     lines: Option<u32>,
     #[command(flatten)]
     selection: EmulatedSelection,
 }
 
-/// A board, a pair and a preset.
+/// One comparison: a board runs its firmware on a pair with a preset.
 struct Case {
     board: Board,
     firmware: PathBuf,
@@ -44,10 +45,11 @@ struct Case {
 }
 
 impl Verify {
-    /// Compares all cases.
+    /// Runs all comparisons and returns a table of them.
     ///
     /// # Errors
-    /// One line that names the first case in which board and host differ, or what is missing.
+    /// Fails with one line that names the first case in which board and host differ, or what
+    /// is missing.
     pub fn run(self) -> Result<String> {
         let boards = self.selection.boards();
         ensure_complete(&boards)?;
@@ -102,7 +104,8 @@ impl Verify {
         Ok(format!("{table}\n{note}"))
     }
 
-    /// What a board is verified on.
+    /// Returns the pairs that a board is verified on: two sizes of the built-in scene, and the
+    /// scenes in `folder` if there is one.
     fn pairs(&self, board: &Board, folder: Option<&Path>) -> Result<Vec<Pair>> {
         let mut pairs = vec![Pair::rendered(160, 120, 32), Pair::rendered(320, 240, 48)];
         for scene in SCENES {
@@ -120,6 +123,10 @@ impl Verify {
 }
 
 impl Case {
+    /// Runs the case on the board and on the host.
+    ///
+    /// # Errors
+    /// Fails with one line that names the case and the first pixel that differs.
     fn compare(&self) -> Result<()> {
         let request = self.pair.request(self.preset, 1, &[])?;
         let clock = Clock::Host;

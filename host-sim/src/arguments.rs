@@ -1,0 +1,81 @@
+//! Command-line options that several commands take.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::Args;
+use vgstereo_core::config::{Output, Parameters};
+use vgstereo_core::preset::Preset;
+
+use crate::parameters::{with_file, with_setting};
+
+/// Options that replace parameters of a preset. A later field overrides an earlier one.
+#[derive(Debug, Clone, Default, Args)]
+#[command(next_help_heading = "Parameters, instead of the preset's")]
+pub struct Overrides {
+    /// TOML file of parameters; those it leaves out stay the preset's. `vgstereo presets
+    /// --toml NAME` prints one to start from.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Any parameter by its name in that file, such as `method.p1=12`; `none` leaves a stage
+    /// out, such as `method.vote=none`; one that the preset leaves out is given whole, such as
+    /// `method.speckle={size_min=8,step_q4=32,reach_y_px=2}`. May be repeated.
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Synapses per neuron, |W|: a multiple of 16 from 16 to 1024.
+    #[arg(long, value_name = "N")]
+    pub synapses: Option<u16>,
+    /// Standard deviation of the synapses' offsets, px: above 0, at most 10. Their reach
+    /// becomes three times as much, rounded up.
+    #[arg(long, value_name = "X")]
+    pub sigma: Option<f32>,
+    /// Seed of the synapses' offsets and of random ties.
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+}
+
+impl Overrides {
+    /// Returns the parameters of `preset` after these options have replaced some of them.
+    ///
+    /// # Errors
+    /// Fails with one line that names the file or option and the reason.
+    pub fn apply(&self, preset: Preset) -> Result<Parameters> {
+        let mut parameters = preset.parameters();
+        if let Some(path) = &self.config {
+            parameters = with_file(&parameters, path)?;
+        }
+        for setting in &self.set {
+            parameters = with_setting(&parameters, setting)?;
+        }
+        if let Some(synapses) = self.synapses {
+            parameters.synapses = synapses;
+        }
+        if let Some(sigma_px) = self.sigma {
+            parameters = parameters.with_sigma(sigma_px);
+        }
+        if let Some(seed) = self.seed {
+            parameters = parameters.with_seed(seed);
+        }
+        Ok(parameters)
+    }
+}
+
+/// Returns the preset that has this name.
+///
+/// # Errors
+/// Fails with one line that lists the names of all presets.
+pub fn parse_preset(name: &str) -> Result<Preset, String> {
+    name.parse()
+        .map_err(|error: vgstereo_core::preset::UnknownPreset| error.to_string())
+}
+
+/// Returns the output that the option `--sparse` asks for: sparse when it is set, otherwise
+/// dense.
+#[must_use]
+pub fn output_of(sparse: bool) -> Output {
+    if sparse {
+        Output::Sparse
+    } else {
+        Output::Dense
+    }
+}

@@ -1,0 +1,243 @@
+//! `vgstereo eval`: percentages of bad pixels on scenes with ground truth.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+use serde::Serialize;
+use vgstereo_core::preset::Preset;
+
+use crate::arguments::{Overrides, output_of, parse_preset};
+use crate::dataset::{ensure_distinct, find_scenes, load_scene};
+use crate::files::{make_folder, write_png};
+use crate::frame::Matched;
+use crate::line_offset::{LineOffset, lowered};
+use crate::pictures::{colour_disparities, error_map};
+use crate::prepared::Prepared;
+use crate::terminal::progress_bar;
+use compare::{Ranked, ensure_comparable, ensure_has_masks, rank, ranking_table};
+use report::{PresetReport, SceneReport, results_table};
+use spread::SpreadReport;
+
+mod compare;
+mod report;
+mod spread;
+
+/// The arguments of `vgstereo eval`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "DIR holds one folder per scene: left.png, right.png, gt_left.png, meta.toml (d_max, gt_scale),\n\
+    and the masks nonocc.png, all.png, disc.png where there are.\n\n\
+    Example: vgstereo eval middlebury tsukuba venus teddy cones --preset paper-raw,paper --compare"
+)]
+pub struct Eval {
+    /// Folder of scenes.
+    dir: PathBuf,
+    /// Scenes to measure, by the name of their folder [default: all directly in DIR].
+    scenes: Vec<String>,
+    /// Presets, separated by commas [default: all].
+    #[arg(long, value_name = "P,P", value_delimiter = ',', value_parser = parse_preset)]
+    preset: Vec<Preset>,
+    /// A pixel is bad when its disparity is further than this from the truth, px.
+    #[arg(long, value_name = "PX", default_value_t = 1.0)]
+    threshold: f32,
+    /// Repeat with each of these seeds, separated by commas, and report the spread.
+    #[arg(
+        long,
+        value_name = "N,N",
+        value_delimiter = ',',
+        conflicts_with = "seed"
+    )]
+    seeds: Vec<u64>,
+    /// Match the grey of colour images.
+    #[arg(long)]
+    grey: bool,
+    /// Leave out what was filled in: percentages are of the disparities found, `invalid` is
+    /// the share of pixels without one.
+    #[arg(long)]
+    sparse: bool,
+    /// Also rank the presets among published results on Middlebury v2: tsukuba, venus, teddy
+    /// and cones must be among the scenes, with their masks.
+    #[arg(long, conflicts_with_all = ["seeds", "sparse"])]
+    compare: bool,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+    /// Write coloured disparities and error maps into this folder.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    line_offset: LineOffset,
+    /// Threads per frame; the figures but the time do not depend on their number. The
+    /// aggregating presets take at most 2.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    threads: usize,
+    #[command(flatten)]
+    overrides: Overrides,
+}
+
+/// The JSON that `--json` prints unless there are several seeds.
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    presets: &'a [PresetReport],
+    /// The presets and the published methods on the scenes of Middlebury v2, best first.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    comparison: Option<Vec<Ranked>>,
+}
+
+impl Eval {
+    /// Measures the presets on the scenes and returns a table or JSON.
+    ///
+    /// # Errors
+    /// Fails with one line that names the file or option and the reason.
+    pub fn run(self) -> Result<String> {
+        ensure!(self.threshold > 0.0, "--threshold must be above 0");
+        let presets = if self.preset.is_empty() {
+            Preset::ALL.to_vec()
+        } else {
+            self.preset.clone()
+        };
+        ensure_distinct("preset", &presets)?;
+        ensure_distinct("seed", &self.seeds)?;
+        let folders = find_scenes(&self.dir, &self.scenes)?;
+        if self.compare {
+            ensure_comparable(self.threshold, &folders)?;
+        }
+        if let Some(out) = &self.out {
+            make_folder(out)?;
+        }
+        let by_seed = self.measure_all(&presets, &folders)?;
+        match by_seed.as_slice() {
+            [presets] => self.report_one(presets),
+            by_seed => self.report_spread(by_seed),
+        }
+    }
+
+    /// Returns, for each seed, the reports of all presets.
+    fn measure_all(
+        &self,
+        presets: &[Preset],
+        folders: &[PathBuf],
+    ) -> Result<Vec<Vec<PresetReport>>> {
+        let seeds: Vec<Option<u64>> = match self.seeds.as_slice() {
+            [] => vec![self.overrides.seed],
+            seeds => seeds.iter().copied().map(Some).collect(),
+        };
+        let runs: Vec<(Option<u64>, Preset)> = seeds
+            .iter()
+            .flat_map(|&seed| presets.iter().map(move |&preset| (seed, preset)))
+            .collect();
+        let bar = progress_bar((runs.len() * folders.len()) as u64, "matching");
+        let mut reports: Vec<Vec<SceneReport>> = runs.iter().map(|_| Vec::new()).collect();
+        // Scenes are the outer loop, so that one of them is in memory at a time.
+        for folder in folders {
+            let prepared = self.load(folder)?;
+            for (&(seed, preset), reports) in runs.iter().zip(&mut reports) {
+                let overrides = Overrides {
+                    seed,
+                    ..self.overrides.clone()
+                };
+                reports.push(self.measure(&prepared, preset, &overrides)?);
+                bar.inc(1);
+            }
+        }
+        bar.finish_and_clear();
+        let mut reports = runs
+            .iter()
+            .zip(reports)
+            .map(|((_, preset), scenes)| PresetReport::new(preset.name(), scenes));
+        let by_seed = seeds
+            .iter()
+            .map(|_| reports.by_ref().take(presets.len()).collect());
+        Ok(by_seed.collect())
+    }
+
+    /// Loads a scene, with the right view lowered as `--line-offset` says.
+    fn load(&self, folder: &Path) -> Result<Prepared> {
+        let mut scene = load_scene(folder)?;
+        if self.line_offset.px != 0.0 {
+            scene.right = lowered(&scene.right, self.line_offset.px);
+        }
+        let prepared =
+            Prepared::new(scene, self.grey).with_context(|| folder.display().to_string())?;
+        if self.compare {
+            ensure_has_masks(folder, &prepared)?;
+        }
+        Ok(prepared)
+    }
+
+    /// Matches one scene with one preset, writes its pictures if they are wanted, and returns
+    /// its figures.
+    fn measure(
+        &self,
+        prepared: &Prepared,
+        preset: Preset,
+        overrides: &Overrides,
+    ) -> Result<SceneReport> {
+        let output = output_of(self.sparse);
+        let matched = prepared.matched(overrides.apply(preset)?, output, self.threads)?;
+        let bad = prepared.measure(&matched, self.threshold, self.sparse)?;
+        if let Some(out) = &self.out {
+            self.write_pictures(out, prepared, preset, &matched)?;
+        }
+        let scene = &prepared.scene;
+        let (width, height) = scene.left.dimensions();
+        Ok(SceneReport {
+            scene: scene.name.clone(),
+            width,
+            height,
+            d_max: scene.d_max,
+            nonocc: bad.nonocc,
+            all: bad.all,
+            disc: bad.disc,
+            average: bad.average(),
+            invalid: bad.invalid,
+            seconds: matched.time.as_secs_f64(),
+            working_bytes: matched.working_bytes,
+            latency_lines: matched.latency_lines,
+        })
+    }
+
+    fn write_pictures(
+        &self,
+        out: &Path,
+        prepared: &Prepared,
+        preset: Preset,
+        matched: &Matched,
+    ) -> Result<()> {
+        let scene = &prepared.scene;
+        let (map, width) = (&matched.disparities_q4, scene.left.width());
+        let path = |what: &str| out.join(format!("{}-{preset}-{what}.png", scene.name));
+        let coloured = colour_disparities(map, width, prepared.disparities());
+        write_png(&path("disparity"), &coloured.into())?;
+        if let Some(truth) = &scene.truth {
+            let errors = error_map(map, width, truth, self.threshold);
+            write_png(&path("error"), &errors.into())?;
+        }
+        Ok(())
+    }
+
+    /// Returns the table or the JSON of a single seed.
+    fn report_one(&self, presets: &[PresetReport]) -> Result<String> {
+        let comparison = self.compare.then(|| rank(presets));
+        if self.json {
+            let report = Report {
+                presets,
+                comparison,
+            };
+            return Ok(serde_json::to_string(&report)? + "\n");
+        }
+        let ranking = comparison.map_or_else(String::new, |ranking| ranking_table(&ranking));
+        Ok(results_table(presets, self.threshold, self.sparse) + &ranking)
+    }
+
+    /// Returns the table or the JSON of several seeds.
+    fn report_spread(&self, by_seed: &[Vec<PresetReport>]) -> Result<String> {
+        let report = SpreadReport::new(self.seeds.clone(), by_seed);
+        if self.json {
+            Ok(serde_json::to_string(&report)? + "\n")
+        } else {
+            Ok(report.table(self.threshold))
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! The figures of presets on scenes: what the JSON holds and the table shows.
+
+use serde::Serialize;
+
+use crate::metrics::mean;
+use crate::published::{PAPER, SCENES};
+use crate::tables::{kib, percent, table};
+
+/// The figures of one preset on all scenes.
+#[derive(Debug, Serialize)]
+pub(super) struct PresetReport {
+    /// The name of the preset.
+    pub(super) preset: String,
+    /// The mean of the scenes' averages, percent.
+    pub(super) average: Option<f64>,
+    /// The figures of each scene, in the order of the scenes.
+    pub(super) scenes: Vec<SceneReport>,
+}
+
+/// The figures of one preset on one scene. Bad pixels are in percent; a figure is `None` when
+/// the scene does not have its mask.
+#[derive(Debug, Serialize)]
+pub(super) struct SceneReport {
+    /// The name of the scene.
+    pub(super) scene: String,
+    /// The width of each view, px.
+    pub(super) width: u32,
+    /// The height of each view, px.
+    pub(super) height: u32,
+    /// The largest disparity searched, px.
+    pub(super) d_max: u16,
+    /// Bad pixels among those that both views show.
+    pub(super) nonocc: Option<f64>,
+    /// Bad pixels among all pixels to evaluate.
+    pub(super) all: Option<f64>,
+    /// Bad pixels among those near discontinuities.
+    pub(super) disc: Option<f64>,
+    /// The mean over the masks that the scene has.
+    pub(super) average: Option<f64>,
+    /// Pixels without a disparity, percent of the image.
+    pub(super) invalid: f64,
+    /// Time that matching took, s.
+    pub(super) seconds: f64,
+    /// Working memory of the matcher, bytes.
+    pub(super) working_bytes: usize,
+    /// Lines from a pair going in to its disparities coming out.
+    pub(super) latency_lines: u32,
+}
+
+impl PresetReport {
+    /// Gathers the figures of one preset on all scenes.
+    pub(super) fn new(preset: &str, scenes: Vec<SceneReport>) -> Self {
+        Self {
+            preset: preset.to_owned(),
+            average: mean(scenes.iter().filter_map(|scene| scene.average)),
+            scenes,
+        }
+    }
+}
+
+/// Returns the table of all presets and scenes, and a line below it that explains the figures.
+/// Rows of the paper's own figures follow for those scenes that it measured.
+pub(super) fn results_table(presets: &[PresetReport], threshold_px: f32, sparse: bool) -> String {
+    let mut table = table(
+        &[
+            "preset", "scene", "nonocc", "all", "disc", "average", "invalid", "ms", "KiB", "lines",
+        ],
+        2,
+    );
+    for preset in presets {
+        for scene in &preset.scenes {
+            table.add_row([
+                preset.preset.clone(),
+                scene.scene.clone(),
+                percent(scene.nonocc),
+                percent(scene.all),
+                percent(scene.disc),
+                percent(scene.average),
+                percent(Some(scene.invalid)),
+                format!("{:.1}", scene.seconds * 1e3),
+                kib(scene.working_bytes),
+                scene.latency_lines.to_string(),
+            ]);
+        }
+        table.add_row(average_row(&preset.preset, preset.average));
+    }
+    let measured = presets.first().map_or(&[][..], |preset| &preset.scenes);
+    let published: Vec<_> = SCENES
+        .iter()
+        .zip(PAPER.bad_percent)
+        .filter(|(name, _)| measured.iter().any(|scene| scene.scene == **name))
+        .collect();
+    for (name, masks) in &published {
+        let mut row = vec!["published".to_owned(), (**name).to_owned()];
+        row.extend(masks.iter().map(|&value| percent(Some(value))));
+        row.push(percent(mean(masks.iter().copied())));
+        table.add_row(row);
+    }
+    if published.len() == SCENES.len() {
+        table.add_row(average_row("published", PAPER.mean()));
+    }
+    let among = if sparse {
+        ", of the disparities found"
+    } else {
+        " or without a disparity"
+    };
+    let note = if published.is_empty() {
+        ""
+    } else {
+        "; published: the paper's own figures"
+    };
+    format!(
+        "{table}\nbad pixels in percent, further than {threshold_px} px from the truth{among}{note}\n"
+    )
+}
+
+/// Returns the row of an average over scenes, which has no figures per mask.
+fn average_row(method: &str, average: Option<f64>) -> Vec<String> {
+    let mut row = vec![method.to_owned(), "average".to_owned()];
+    row.extend([String::new(), String::new(), String::new()]);
+    row.push(percent(average));
+    row
+}

@@ -1,0 +1,143 @@
+//! What holds for several commands: parameters, unknown words and closed pipes.
+
+use std::fs;
+
+use crate::fixture::{Fixture, two_scenes};
+
+#[test]
+fn parameters_come_from_a_file_and_from_the_command_line() {
+    let fixture = two_scenes();
+    let toml = fixture.run(&["presets", "--toml", "lite"]);
+    assert_eq!(toml.code, Some(0), "{}", toml.stderr);
+    fs::write(fixture.path("lite.toml"), toml.stdout).unwrap();
+    let map = |name: &str, more: &[&str]| {
+        let mut arguments = vec![
+            "match",
+            "left.png",
+            "right.png",
+            "--d-max",
+            "20",
+            "--out",
+            name,
+        ];
+        arguments.extend(more);
+        let outcome = fixture.run(&arguments);
+        assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+        fs::read(fixture.path(name)).unwrap()
+    };
+    let lite = map("a.png", &["--preset", "lite"]);
+    assert_eq!(
+        lite,
+        map("b.png", &["--preset", "quality", "--config", "lite.toml"])
+    );
+    let changed = [
+        "--preset",
+        "lite",
+        "--set",
+        "method.p1=1",
+        "--set",
+        "method.p2=20",
+    ];
+    assert_ne!(lite, map("c.png", &changed));
+    fs::write(fixture.path("bad.toml"), "[method]\np1 = 300\n").unwrap();
+    fs::write(fixture.path("cut.toml"), "[method\n").unwrap();
+    fs::write(fixture.path("typo.toml"), "synapsis = 64\n").unwrap();
+    for (more, words) in [
+        (
+            &["--config", "none.toml"][..],
+            &["none.toml", "No such file"][..],
+        ),
+        (&["--config", "bad.toml"], &["bad.toml", "300"]),
+        (&["--config", "cut.toml"], &["cut.toml"]),
+        (&["--config", "typo.toml"], &["typo.toml", "synapsis"]),
+        (&["--set", "method.p3=1"], &["method.p3=1", "p3"]),
+        (&["--set", "p1"], &["KEY=VALUE"]),
+        (&["--set", "method.p2=250"], &["255"]),
+    ] {
+        let mut arguments = vec!["eval", "set", "--preset", "lite"];
+        arguments.extend(more);
+        fixture.refuses(&arguments, words);
+    }
+}
+
+#[test]
+fn presets_are_listed_with_their_memory() {
+    let fixture = Fixture::new();
+    let outcome = fixture.run(&["presets", "--width", "450", "--d-max", "59"]);
+    assert_eq!(outcome.code, Some(0));
+    for word in [
+        "paper-raw",
+        "paper ",
+        "micro ",
+        "256",
+        "55.1",
+        "KiB in colour",
+        "any height",
+    ] {
+        assert!(
+            outcome.stdout.contains(word),
+            "{word:?} in {}",
+            outcome.stdout
+        );
+    }
+    fixture.refuses(&["presets", "--width", "59", "--d-max", "59"], &["59"]);
+}
+
+/// What clap itself refuses also ends with code 2.
+#[test]
+fn unknown_words_are_refused() {
+    let fixture = Fixture::new();
+    for arguments in [
+        &["mach"][..],
+        &["match", "left.png"],
+        &[
+            "match",
+            "left.png",
+            "right.png",
+            "--out",
+            "a.png",
+            "--preset",
+            "best",
+        ],
+        &[
+            "match",
+            "left.png",
+            "right.png",
+            "--out",
+            "a.png",
+            "--d-max",
+            "many",
+        ],
+        &["eval", ".", "--preset", "paper,,"],
+        // Larger than the option's type, but a width as well.
+        &[
+            "match",
+            "left.png",
+            "right.png",
+            "--out",
+            "a.png",
+            "--d-max",
+            "40000",
+        ],
+    ] {
+        fixture.refuses(arguments, &["error: "]);
+    }
+    let unknown = fixture.run(&["sweep", ".", "--preset", "best"]);
+    assert!(unknown.stderr.contains("paper-raw"), "{}", unknown.stderr);
+}
+
+#[test]
+fn a_reader_that_leaves_is_no_error() {
+    let fixture = Fixture::new();
+    let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin!("vgstereo"))
+        .current_dir(fixture.folder.path())
+        .arg("presets")
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(String::from_utf8(output.stderr).unwrap(), "");
+    assert!(output.status.success());
+}

@@ -1,0 +1,8 @@
+//! The command line as a user meets it: what it writes, and how it refuses bad input.
+
+mod demo;
+mod eval;
+mod experiments;
+mod fixture;
+mod general;
+mod matching;
