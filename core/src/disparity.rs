@@ -55,8 +55,8 @@ impl DisparityRange {
         self.minimum_px as i32..self.minimum_px as i32 + self.count as i32
     }
 
-    /// Whether the range is not empty, fits [`MAX_MAGNITUDE_PX`] and every disparity is
-    /// shorter than a line of `width` px, so that each has a column it can be found at.
+    /// Whether the range is not empty, fits [`MAX_MAGNITUDE_PX`] and every disparity is shorter
+    /// than a line of `width` px, so that each is possible for some column.
     #[must_use]
     pub const fn fits(self, width: u16) -> bool {
         let range = self.range_px();

@@ -1,72 +1,85 @@
 //! Dense stereo matching, line by line, with VG-RAM weightless neural networks.
 //!
-//! For a microcontroller or an FPGA soft-core beside a stereo camera, and for the host,
-//! with the same bits: `no_std`, no allocation, no unsafe code, integers in every
-//! per-pixel path. Nothing here holds a frame: working memory is lent by the caller and
-//! grows with the width of a line, never with the height of the image.
+//! For a microcontroller or an FPGA soft-core beside a stereo camera, and for the host, with the
+//! same bits: `no_std`, no allocation, no unsafe code, integers in every per-pixel path. Nothing
+//! here holds a frame: working memory is lent by the caller and grows with the width of a line,
+//! never with the height of the image.
 //!
-//! The method is that of the paper *Stereo Matching with VG-RAM Weightless Neural
-//! Networks*: one neuron per pixel looks at the image through a constellation of
-//! synapses, compares their samples pairwise, and recalls the disparity at which the
-//! other view shows the most similar pattern of comparisons.
+//! The method starts from the paper *Stereo Matching with VG-RAM Weightless Neural Networks*: one
+//! neuron per pixel samples the image at a constellation of synapses, compares the samples
+//! pairwise, and recalls the disparity at which the other view shows the most similar pattern of
+//! comparisons. On top of these patterns, a second branch aggregates matching costs semi-globally
+//! (SGM), checks them from both views and fills what was not found.
 //!
 //! # The pipeline
 //!
-//! One pair of lines goes in, one line of disparities comes out,
-//! [`latency_lines`](config::Parameters::latency_lines) later:
+//! A [`Config`] says what to compute: the [`Parameters`] of a [`Preset`], the width, the
+//! disparities to search. A [`Matcher`] takes pairs of [`Line`]s and gives [`DisparityLine`]s;
+//! the [`Plan`] tells its bytes and its latency. One pair of lines goes in, one line of disparities
+//! comes out:
 //!
 //! ```text
-//!  camera      pair of lines, numbered, or what was lost        (camera)
-//!    |         grey, and channels where there is colour         (camera::PixelFormat)
-//!    v
-//!  strip       the newest lines of each view, clamped; the     (strip)
-//!    |         other's moved where they lie too low or high, by a fraction of a line
-//!    |         samples at the offsets of the synapses,          (synapse)
-//!    |         half of them where noise is averaged away        (matching)
-//!    v
-//!  patterns    one bit per pair of samples, one row per view    (minchinton)
+//!  pair of lines         rectified; grey, or grey and colour                        Line
 //!    |
-//!    +---------------------------+
-//!    v                           v
-//!  recall                      costs        Hamming distance over the cells on the
-//!    nearest pattern wins;     |            pixel's surface, and difference of levels
-//!    the k nearest are         |            in the reference's exposure (matching)
-//!    candidates (matching)     v
-//!    |                         aggregation  left, right and down, one row of state;
-//!    |                         |            best, sub-pixel, margin     (aggregation)
-//!    |                         v
-//!    |                         check        the other view's best agrees, or not
-//!    v                         v
-//!  vote among neighbours,      speckles, vote of the surface, border,      (refine)
-//!  median                      fill, medians, weighted by colour
-//!    |                         |
-//!    +---------------------------+
 //!    v
-//!  line        disparities in 1/16 px, or none, with confidence (disparity, matcher)
+//!  views                 the newest lines of each view: grey; for sgm also colour  rows
+//!    |                   and smoothed grey, the other view's lines moved by a
+//!    |                   fraction of a line
+//!    v
+//!  patterns              one bit per pair of samples, one row per view              pattern
+//!    |
+//!    +-----------------------------+
+//!    | recall                      | sgm
+//!    v                             v
+//!  nearest pattern of          masks: cells on the pixel's surface
+//!  every neuron, and the           v
+//!  runners-up                  matching costs: masked Hamming distance,
+//!    |                         difference of levels in one exposure
+//!    |                             v
+//!    |                         aggregation: paths from left, right and above
+//!    |                             v
+//!    |                         winner-take-all, sub-pixel step, margin
+//!    |                             v
+//!    |                         left-right check, uniqueness, texture
+//!    v                             v
+//!  vote among neighbours       speckle removal, region vote
+//!    v                             v
+//!  median                      border, fill; medians, weighted by colour
+//!    |                             |
+//!    +-----------------------------+
+//!    v
+//!  line of disparities   1/16 px or none, and a confidence each             DisparityLine
 //! ```
 //!
-//! The left branch is the paper's, [`config::Recall`]; the right one is
-//! [`config::Aggregation`]. A [`preset::Preset`] says which, and with what parameters.
-//! Inner loops are [`kernel`]s: a plain reference each, and faster ones elsewhere.
+//! The inner loops are [`kernel`]s: a plain reference each, for every target ([`Portable`]), and
+//! faster sets of the same bits in the crate `vgstereo-kernels`.
 //!
-//! [`matcher::Matcher`] is all of it. It is built from a [`config::Config`]: the
-//! parameters of a [`preset::Preset`], the width, the disparities to search, the
-//! reference view and a region of interest. [`neuron`] and [`network`] are the method as
-//! the paper writes it, a memory per neuron; the matcher is held to them bit for bit.
-//! [`memory`] carves the lent block, [`view`] borrows an image.
+//! # The modules, lowest first
+//!
+//! Nothing imports what stands below it in this list.
+//!
+//! | module | what it has |
+//! |---|---|
+//! | [`disparity`] | the unit of disparities, their range, the value that means "none" |
+//! | [`kernel`] | the inner loops: task, plain reference, test, a file each |
+//! | `rows` | lent memory, rings and strips of lines, views, stages from row to row |
+//! | [`config`] | parameters, presets, and what else a matcher is built from |
+//! | `pattern` | synapses, and the patterns of a row of neurons |
+//! | `recall`, `sgm` | the two branches, each with its matcher, its refinement and what they take |
+//! | [`plan`] | bytes, lines looked back and latency of every part |
+//! | [`matcher`] | the whole pipeline |
+//! | `literal` | the paper's network as it is written, off the data path: the oracle |
 //!
 //! # Example
 //!
 //! ```
-//! use vgstereo_core::config::Config;
-//! use vgstereo_core::disparity::{DisparityRange, STEPS_PER_PX};
-//! use vgstereo_core::kernel::Portable;
-//! use vgstereo_core::matcher::Matcher;
-//! use vgstereo_core::preset::Preset;
+//! use vgstereo_core::{Config, DisparityRange, Matcher, Portable, Preset, STEPS_PER_PX};
 //!
 //! const WIDTH: usize = 64;
 //! const CONFIG: Config =
 //!     Config::new(Preset::Paper.parameters(), WIDTH as u16, DisparityRange::up_to(15));
+//! // A bad configuration does not compile.
+//! const _: () = assert!(CONFIG.validate().is_ok());
 //!
 //! // On a board: a static.
 //! let mut memory = [0; CONFIG.memory_words()];
@@ -92,37 +105,60 @@
 //!
 //! # What it does not do
 //!
-//! It does not rectify: lines must be epipolar lines already, but for up to one line by which
-//! all of one view may lie too low or too high: the right branch learns and mends that. It uses no floating point but
-//! for drawing the synapses when a matcher is built.
+//! It does not rectify: lines must be epipolar lines already, but for an offset of up to one line
+//! between the views, which the SGM branch learns and corrects. It uses no floating point but for
+//! drawing the synapses when a matcher is built. It does not read cameras: the crate
+//! `vgstereo-firmware` does, and hands their bytes over as [`Line`]s; the conversions of pixel
+//! formats are kernels.
 //!
 //! # Features
 //!
-//! Off by default: `serde`, parameters can be read from and written to text formats, which
-//! needs an allocator; `defmt`, errors, parameters and what a camera tells can be logged with
-//! defmt.
+//! Off by default: `serde`, parameters can be read from and written to text formats, which needs
+//! an allocator; `defmt`, errors and parameters can be logged with defmt.
 //!
 //! The oldest Rust it is built with is 1.95.
 #![no_std]
 #![forbid(unsafe_code)]
+// No panic is reachable from input.
+#![cfg_attr(
+    not(test),
+    warn(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::indexing_slicing
+    )
+)]
 
 #[cfg(test)]
 extern crate std;
 
-pub mod aggregation;
-pub mod camera;
 pub mod config;
 pub mod disparity;
+#[allow(
+    clippy::indexing_slicing,
+    reason = "lanes of arrays, and rows whose common length is proven once: no check is left in the loops"
+)]
 pub mod kernel;
+#[doc(hidden)]
+pub mod literal;
 pub mod matcher;
-pub mod matching;
-pub mod memory;
-pub mod minchinton;
-mod neighbours;
-pub mod network;
-pub mod neuron;
-pub mod preset;
-pub mod refine;
-pub mod strip;
-pub mod synapse;
-pub mod view;
+#[doc(hidden)]
+pub mod pattern;
+pub mod plan;
+#[doc(hidden)]
+pub mod recall;
+#[doc(hidden)]
+pub mod rows;
+#[doc(hidden)]
+pub mod sgm;
+
+pub use config::{
+    Config, ConfigError, Method, Output, Parameters, Preset, RecallParameters, Region,
+    SgmParameters,
+};
+pub use disparity::{DisparityRange, INVALID, Reference, STEPS_PER_PX};
+pub use kernel::{Kernels, Portable};
+pub use matcher::{DisparityLine, Matcher, PushError};
+pub use plan::Plan;
+pub use rows::{ColourRows, Line};

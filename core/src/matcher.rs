@@ -4,12 +4,13 @@ use core::fmt;
 
 use crate::config::{Config, ConfigError, Method};
 use crate::kernel::{Kernels, Portable};
-use crate::matching::{RowMatcher, SurfaceMatcher};
-use crate::memory::Arena;
-use crate::refine::{Refiner, SurfaceRefiner};
-use crate::synapse::Synapses;
+use crate::pattern::Synapses;
+use crate::plan::Plan;
+use crate::recall::{RecallMatcher, RecallRefiner};
+use crate::rows::{Arena, Line};
+use crate::sgm::{SgmMatcher, SgmRefiner};
 
-/// Most lines of a frame: what a `u32` counts, less the latency of any configuration.
+/// Largest number of lines of a frame: the range of a `u32`, less the latency of any configuration.
 pub const MAX_LINES: u32 = u32::MAX - (1 << 10);
 
 /// A line of disparities.
@@ -17,13 +18,14 @@ pub const MAX_LINES: u32 = u32::MAX - (1 << 10);
 pub struct DisparityLine<'a> {
     /// Line of the frame, from 0.
     pub line: u32,
-    /// First column of the frame that `disparities_q4` speaks of.
+    /// Column of the frame that the first disparity belongs to.
     pub column: u16,
-    /// Disparities of the reference view, 1/16 px, [`INVALID`](crate::disparity::INVALID)
-    /// where none is known; `region.width` of them.
+    /// Disparities of the reference view from that column to the right, `region.width` of them,
+    /// 1/16 px; [`INVALID`](crate::disparity::INVALID) where none is known.
     pub disparities_q4: &'a [i16],
-    /// Confidence of each: 1 to 255 for one that was found, 0 for one that was filled in
-    /// or is not known. 255 for all that is found by a method without this measure.
+    /// Confidence of each disparity: 1 to 255 if it was found, 0 if it was filled in or is not
+    /// known. The paper's method does not measure it, and states 255 for every disparity that it
+    /// finds.
     pub confidences: &'a [u8],
 }
 
@@ -32,8 +34,10 @@ pub struct DisparityLine<'a> {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum PushError {
-    /// A line does not have the configured width in the configured pixel format.
+    /// A line does not have the configured width.
     Width,
+    /// A line has no colour, though the configuration says that lines have.
+    Colour,
     /// The frame is being flushed: call `finish` until it gives `None`, or `reset`.
     Finishing,
     /// The frame has [`MAX_LINES`] lines already.
@@ -44,6 +48,7 @@ impl fmt::Display for PushError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Width => "the line does not have the configured width",
+            Self::Colour => "the line has no colour, which the configuration asks for",
             Self::Finishing => "the last frame is not flushed to its end",
             Self::TooManyLines => "the frame has too many lines",
         })
@@ -55,11 +60,7 @@ impl core::error::Error for PushError {}
 /// Matches a stream of rectified line pairs in bounded memory.
 ///
 /// ```
-/// use vgstereo_core::config::Config;
-/// use vgstereo_core::disparity::DisparityRange;
-/// use vgstereo_core::kernel::Portable;
-/// use vgstereo_core::matcher::Matcher;
-/// use vgstereo_core::preset::Preset;
+/// use vgstereo_core::{Config, DisparityRange, Matcher, Portable, Preset};
 ///
 /// const CONFIG: Config = Config::new(Preset::PaperRaw.parameters(), 64, DisparityRange::up_to(15));
 /// let mut memory = [0; CONFIG.memory_words()];
@@ -81,37 +82,37 @@ impl core::error::Error for PushError {}
 #[derive(Debug)]
 pub struct Matcher<'m, K = Portable> {
     pipeline: Pipeline<'m, K>,
+    kernels: K,
     config: Config,
+    latency_lines: u32,
     next_line: u32,
     lines_in: u32,
     finishing: bool,
 }
 
-/// The rows of a method and their refinement.
+/// Matcher and refinement of the configured method.
 #[derive(Debug)]
-// One of them is there, in the place of the larger: neither holds rows itself.
+// Either variant is stored in place; neither holds rows itself.
 #[allow(clippy::large_enum_variant)]
 enum Pipeline<'m, K> {
     Recall {
-        rows: RowMatcher<'m, K>,
-        refiner: Refiner<'m>,
-        /// Grey lines, where the pixel format has colour.
-        grey: [&'m mut [u8]; 2],
+        rows: RecallMatcher<'m, K>,
+        refiner: RecallRefiner<'m>,
     },
-    Surface {
-        rows: SurfaceMatcher<'m, K>,
-        refiner: SurfaceRefiner<'m, K>,
+    Sgm {
+        rows: SgmMatcher<'m, K>,
+        refiner: SgmRefiner<'m, K>,
     },
 }
 
 impl<K: Kernels> Pipeline<'_, K> {
     fn reset(&mut self) {
         match self {
-            Self::Recall { rows, refiner, .. } => {
+            Self::Recall { rows, refiner } => {
                 rows.reset();
                 refiner.reset();
             }
-            Self::Surface { rows, refiner } => {
+            Self::Sgm { rows, refiner } => {
                 rows.reset();
                 refiner.reset();
             }
@@ -121,61 +122,49 @@ impl<K: Kernels> Pipeline<'_, K> {
     fn rows_out(&self) -> u32 {
         match self {
             Self::Recall { rows, .. } => rows.rows_out(),
-            Self::Surface { rows, .. } => rows.rows_out(),
+            Self::Sgm { rows, .. } => rows.rows_out(),
         }
     }
 
-    /// Takes a pair. Whether it gave a row to the refinement, and that a line.
-    fn push(&mut self, config: &Config, left: &[u8], right: &[u8]) -> (bool, bool) {
+    /// Takes a pair. Returns whether a row went to the refinement, and whether that completed a
+    /// line.
+    fn push(&mut self, left: &(impl Line + ?Sized), right: &(impl Line + ?Sized)) -> (bool, bool) {
         match self {
-            Self::Recall {
-                rows,
-                refiner,
-                grey: [grey_left, grey_right],
-            } => {
-                let row = if config.format.is_grey() {
-                    rows.push(left, right)
-                } else {
-                    config.format.luma(left, grey_left);
-                    config.format.luma(right, grey_right);
-                    rows.push(grey_left, grey_right)
-                };
-                match row {
-                    Some(_) => (true, refiner.push(rows.candidates_px())),
-                    None => (false, false),
-                }
-            }
-            Self::Surface { rows, refiner } => match rows.push(left, right) {
+            Self::Recall { rows, refiner } => match rows.push(left, right) {
+                Some(_) => (true, refiner.push(rows.candidates_px())),
+                None => (false, false),
+            },
+            Self::Sgm { rows, refiner } => match rows.push(left, right) {
                 Some(_) => (
                     true,
-                    refiner.push(rows.found_q4(), rows.confidences(), rows.channels()),
+                    refiner.push(rows.found(), rows.confidences(), rows.channels()),
                 ),
                 None => (false, false),
             },
         }
     }
 
-    /// Completes a line of those that wait for rows which will not come.
+    /// Completes a line that waits for rows which will not come; returns whether there was one.
     fn flush_refinement(&mut self) -> bool {
         match self {
             Self::Recall { refiner, .. } => refiner.flush(),
-            Self::Surface { rows, refiner } => refiner.flush(rows.channels()),
+            Self::Sgm { rows, refiner } => refiner.flush(rows.channels()),
         }
     }
 
-    /// After the last pair: completes the next line; false when there are no more.
+    /// Completes the next line after the last pair; returns false if there are no more.
     fn flush(&mut self) -> bool {
         match self {
-            Self::Recall { rows, refiner, .. } => {
+            Self::Recall { rows, refiner } => {
                 while rows.flush().is_some() {
                     if refiner.push(rows.candidates_px()) {
                         return true;
                     }
                 }
             }
-            Self::Surface { rows, refiner } => {
+            Self::Sgm { rows, refiner } => {
                 while rows.flush().is_some() {
-                    let (row, confidences) = (rows.found_q4(), rows.confidences());
+                    let (row, confidences) = (rows.found(), rows.confidences());
                     if refiner.push(row, confidences, rows.channels()) {
                         return true;
                     }
@@ -188,7 +177,7 @@ impl<K: Kernels> Pipeline<'_, K> {
     fn line(&self) -> (&[i16], &[u8]) {
         match self {
             Self::Recall { refiner, .. } => (refiner.line_q4(), refiner.line_confidences()),
-            Self::Surface { refiner, .. } => (refiner.line_q4(), refiner.line_confidences()),
+            Self::Sgm { refiner, .. } => (refiner.line_q4(), refiner.line_confidences()),
         }
     }
 }
@@ -202,63 +191,63 @@ impl<'m, K: Kernels> Matcher<'m, K> {
     pub fn new(config: &Config, kernels: K, memory: &'m mut [u32]) -> Result<Self, ConfigError> {
         let mut arena = Arena::new(memory);
         let pipeline = match &config.parameters.method {
-            Method::Recall(recall) => {
-                let grey_bytes = if config.format.is_grey() {
-                    0
-                } else {
-                    usize::from(config.width)
-                };
-                Pipeline::Recall {
-                    rows: RowMatcher::new(config, recall, kernels, &mut arena)?,
-                    refiner: Refiner::new(config, recall, &mut arena)?,
-                    grey: [arena.take(grey_bytes)?, arena.take(grey_bytes)?],
-                }
-            }
-            Method::Aggregation(aggregation) => Pipeline::Surface {
-                rows: SurfaceMatcher::new(config, aggregation, kernels, &mut arena)?,
-                refiner: SurfaceRefiner::new(config, aggregation, kernels, &mut arena)?,
+            Method::Recall(recall) => Pipeline::Recall {
+                rows: RecallMatcher::new(config, recall, kernels, &mut arena)?,
+                refiner: RecallRefiner::new(config, recall, &mut arena)?,
+            },
+            Method::Sgm(sgm) => Pipeline::Sgm {
+                rows: SgmMatcher::new(config, sgm, kernels, &mut arena)?,
+                refiner: SgmRefiner::new(config, sgm, kernels, &mut arena)?,
             },
         };
         Ok(Self {
             pipeline,
+            kernels,
             config: *config,
+            latency_lines: Plan::new(config).latency_lines(),
             next_line: config.region.y,
             lines_in: 0,
             finishing: false,
         })
     }
 
-    /// What the matcher was built from.
+    /// The configuration that the matcher was built from.
     #[must_use]
     pub fn config(&self) -> &Config {
         &self.config
     }
 
-    /// The offsets drawn for this configuration.
+    /// The kernel set that the matcher was built with.
+    pub fn kernels(&self) -> K {
+        self.kernels
+    }
+
+    /// The synapses drawn for this configuration.
     #[must_use]
     pub fn synapses(&self) -> Synapses<'m> {
         match &self.pipeline {
             Pipeline::Recall { rows, .. } => rows.synapses(),
-            Pipeline::Surface { rows, .. } => rows.synapses(),
+            Pipeline::Sgm { rows, .. } => rows.synapses(),
         }
     }
 
-    /// Takes the next pair of lines, rectified, from the top, in the configured pixel
-    /// format. Gives the line that this completes, if any: at most one,
-    /// [`latency_lines`] above the pair.
-    ///
-    /// [`latency_lines`]: crate::config::Parameters::latency_lines
+    /// Takes the next pair of lines, rectified, from the top. Rows of grey are slices of bytes; see
+    /// [`Line`] for colour. Returns the line that this completes, if any: at most one,
+    /// [`Plan::latency_lines`] above the pair.
     ///
     /// # Errors
     /// [`PushError`]; the matcher is then unchanged.
     pub fn push(
         &mut self,
-        left: &[u8],
-        right: &[u8],
+        left: &(impl Line + ?Sized),
+        right: &(impl Line + ?Sized),
     ) -> Result<Option<DisparityLine<'_>>, PushError> {
-        let bytes = self.config.format.line_bytes(self.config.width);
-        if left.len() != bytes || right.len() != bytes {
+        let width = usize::from(self.config.width);
+        if left.width() != width || right.width() != width {
             return Err(PushError::Width);
+        }
+        if self.config.colour && !(left.has_colour() && right.has_colour()) {
+            return Err(PushError::Colour);
         }
         if self.finishing {
             return Err(PushError::Finishing);
@@ -268,10 +257,10 @@ impl<'m, K: Kernels> Matcher<'m, K> {
             return Err(PushError::TooManyLines);
         }
         self.lines_in = pair + 1;
-        let (has_row, mut complete) = self.pipeline.push(&self.config, left, right);
+        let (has_row, mut complete) = self.pipeline.push(left, right);
         if !has_row {
-            // Below the region no row comes to push the last lines out: they are flushed,
-            // each when it is due.
+            // Below the region, no further rows push the last lines out: they are flushed when they
+            // are due.
             complete =
                 self.region_is_matched() && self.is_due(pair) && self.pipeline.flush_refinement();
         }
@@ -282,8 +271,8 @@ impl<'m, K: Kernels> Matcher<'m, K> {
         })
     }
 
-    /// After the last pair of a frame: gives the lines still to come, one per call, then
-    /// `None`, after which the next frame may be pushed.
+    /// Returns the remaining lines after the last pair of a frame, one per call, then `None`. After
+    /// that, the next frame may be pushed.
     pub fn finish(&mut self) -> Option<DisparityLine<'_>> {
         self.finishing = true;
         if self.pipeline.flush() {
@@ -310,8 +299,7 @@ impl<'m, K: Kernels> Matcher<'m, K> {
 
     /// Whether the next line is at least the latency above `pair`.
     fn is_due(&self, pair: u32) -> bool {
-        let latency = self.config.parameters.latency_lines();
-        pair >= self.next_line.saturating_add(latency)
+        pair >= self.next_line.saturating_add(self.latency_lines)
     }
 
     fn take_line(&mut self) -> DisparityLine<'_> {

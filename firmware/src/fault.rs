@@ -2,8 +2,8 @@
 
 use core::fmt;
 
-use vgstereo_core::camera::ErrorKind;
-use vgstereo_core::matcher::PushError;
+use crate::camera::ErrorKind;
+use vgstereo_core::PushError;
 
 /// Why a frame was dropped or synchronisation with the camera was lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

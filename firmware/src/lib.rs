@@ -1,21 +1,22 @@
 //! From a camera's line pairs to disparity lines, with fault recovery.
 //!
 //! A [`Session`] reads pairs of lines from a
-//! [`LinePairSource`](vgstereo_core::camera::LinePairSource), gives them to a
+//! [`LinePairSource`](crate::camera::LinePairSource), gives them to a
 //! [`Matcher`](vgstereo_core::matcher::Matcher) and its lines of disparities to a
 //! [`DisparitySink`]. It drops a frame that is not whole, counts what was lost and starts
-//! again at line 0 of the next frame; [`scripted`] puts scripted ones in its way. A
-//! [`Watchdog`] is fed with each line that is matched. Drivers, pins and clocks are a board's
-//! affair.
+//! again at line 0 of the next frame. A [`Watchdog`] is fed with each line that is matched.
+//! For tests, [`scripted`] has a camera that fails as a script says. Drivers, pins and clocks
+//! are left to the boards.
 //!
-//! Features, off by default: `serial`, a sink over a serial port; `defmt`, faults, events and
-//! counters can be logged with defmt.
+//! Two features are off by default: `serial` adds a sink over a serial port, and `defmt` lets
+//! faults, events and counters be logged with defmt.
 #![no_std]
 #![forbid(unsafe_code)]
 
 #[cfg(test)]
 extern crate std;
 
+pub mod camera;
 pub mod fault;
 pub mod scripted;
 pub mod session;

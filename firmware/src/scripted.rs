@@ -1,13 +1,13 @@
-//! Scripted faults: a camera that fails when and how it is told to.
+//! Scripted faults: a camera that fails at given lines in given ways.
 //!
-//! For tests of the session and of what is around it, on the host and on a board.
+//! It serves tests of the session and of code around it, on the host and on boards.
 
 use core::fmt;
 use core::str::FromStr;
 
-use vgstereo_core::camera::{Error, ErrorKind, ErrorType, Geometry, LinePair, LinePairSource};
+use crate::camera::{Error, ErrorKind, ErrorType, Geometry, LinePair, LinePairSource};
 
-/// What goes wrong at a pair of lines.
+/// Fault at a pair of lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum FaultKind {
@@ -43,7 +43,7 @@ impl FaultKind {
         Self::Error(ErrorKind::Other),
     ];
 
-    /// The name by which a script calls the kind.
+    /// Name of the kind in scripts.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -63,15 +63,15 @@ impl FaultKind {
     }
 }
 
-/// An entry of a [`FaultyCamera`]'s script; as text, `FRAME:LINE:KIND`.
+/// One fault of a [`FaultyCamera`]'s script; as text, `FRAME:LINE:KIND`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ScriptedFault {
-    /// Frame in which it happens.
+    /// Number of the frame in which it happens.
     pub frame: u32,
-    /// Line at which it happens.
+    /// Line at which it happens, from 0.
     pub line: u32,
-    /// What happens.
+    /// Kind of the fault.
     pub kind: FaultKind,
 }
 
@@ -81,7 +81,7 @@ impl fmt::Display for ScriptedFault {
     }
 }
 
-/// A text is not a fault.
+/// Error of parsing a text that is not a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NotAFault;
 
@@ -113,18 +113,18 @@ impl FromStr for ScriptedFault {
     }
 }
 
-/// A camera that can deliver again what it has delivered.
+/// A camera that can deliver earlier pairs again.
 pub trait Rewind {
-    /// Goes back by this many pairs: the next ones delivered are those delivered last.
+    /// Goes back by `pairs` pairs, so that the last ones delivered are delivered again.
     fn rewind(&mut self, pairs: u32);
 }
 
 /// The error of a [`FaultyCamera`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FaultyError<E> {
-    /// The script asks for it.
+    /// Error that the script asked for.
     Scripted(ErrorKind),
-    /// The wrapped camera's own.
+    /// Error of the wrapped camera.
     Camera(E),
 }
 
@@ -137,23 +137,23 @@ impl<E: Error> Error for FaultyError<E> {
     }
 }
 
-/// A camera with scripted faults between it and whoever reads it.
+/// A wrapper that adds scripted faults to a camera.
 ///
-/// Each fault happens once, when the wrapped camera delivers its pair. Pairs delivered
-/// again bring no further faults.
+/// Each fault happens once, when the wrapped camera delivers its pair. Pairs that are delivered
+/// again cause no further faults.
 #[derive(Debug, Clone)]
 pub struct FaultyCamera<C, S> {
     camera: C,
     script: S,
-    /// Rest of this frame is lost.
+    /// Number of the frame whose remaining pairs are lost.
     lost_frame: Option<u32>,
     dropped: u32,
-    /// Pairs still to be delivered again.
+    /// Number of pairs still to be delivered again.
     again: u32,
 }
 
 impl<C: LinePairSource + Rewind, S: AsRef<[ScriptedFault]>> FaultyCamera<C, S> {
-    /// Wraps a camera. Of several faults at one pair, the first in the script counts.
+    /// Wraps a camera. If several faults concern one pair, the first in the script applies.
     pub fn new(camera: C, script: S) -> Self {
         Self {
             camera,
@@ -164,14 +164,14 @@ impl<C: LinePairSource + Rewind, S: AsRef<[ScriptedFault]>> FaultyCamera<C, S> {
         }
     }
 
-    /// The wrapped camera.
+    /// Returns the wrapped camera.
     #[must_use]
     pub fn into_inner(self) -> C {
         self.camera
     }
 
     fn fault_at(&self, pair: &LinePair) -> Option<FaultKind> {
-        // What is lost already cannot fail once more.
+        // A pair that is lost already cannot fail again.
         if self.lost_frame == Some(pair.frame) {
             return None;
         }

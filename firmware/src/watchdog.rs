@@ -1,18 +1,17 @@
-//! Watchdogs: hardware that resets the board unless it is fed in time.
+//! Watchdogs: hardware timers that reset the board unless they are fed in time.
 
-/// A watchdog that runs. embedded-hal had this trait until 1.0.
+/// A running watchdog. embedded-hal had this trait until version 1.0.
 ///
-/// [`Session`](crate::Session) feeds it once for each pair of lines that is matched and
-/// whose disparities the sink has taken, and at no other time: not while the camera is
-/// waited for, not after an error, and not for pairs left out. A camera or a sink that is
-/// dead thus resets the board.
+/// [`Session`](crate::Session) feeds it once for each pair of lines that was matched and whose
+/// disparities the sink has taken. It does not feed it while it waits for the camera, after an
+/// error, or for pairs that it leaves out. So a dead camera or sink resets the board.
 ///
 /// # For boards
 ///
-/// After a fault the next pair that counts is line 0 of the next whole frame. The time until
-/// the reset must be longer than that takes, the camera's own time-outs included.
+/// After a fault, the next pair that is matched is line 0 of the next whole frame. The watchdog's
+/// time-out must be longer than the time until then, including the camera's own time-outs.
 pub trait Watchdog {
-    /// Puts the reset off by the watchdog's whole time.
+    /// Restarts the watchdog's time-out.
     fn feed(&mut self);
 }
 
@@ -22,7 +21,7 @@ impl<T: Watchdog + ?Sized> Watchdog for &mut T {
     }
 }
 
-/// No watchdog.
+/// Stand-in for boards without a watchdog.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct NoWatchdog;
 

@@ -3,11 +3,9 @@
 //! `cargo bench --bench frames`
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use vgstereo_core::config::Config;
-use vgstereo_core::disparity::DisparityRange;
-use vgstereo_core::preset::Preset;
+use vgstereo_core::{Config, DisparityRange, Preset};
+use vgstereo_kernels::NativeKernels;
 use vgstereo_sim::frame::match_frame;
-use vgstereo_sim::kernels::HostKernels;
 use vgstereo_sim::render::{RenderOptions, render};
 use vgstereo_sim::views::Views;
 
@@ -33,13 +31,12 @@ fn frames(criterion: &mut Criterion) {
     ));
     for preset in Preset::ALL {
         let config = Config {
-            format: views.format,
+            colour: views.has_colour(),
             ..Config::new(preset.parameters(), WIDTH, DisparityRange::up_to(D_MAX))
         };
-        let runs = HostKernels::available()
-            .into_iter()
+        let runs = NativeKernels::available()
             .map(|kernels| (kernels, 1))
-            .chain([(HostKernels::fastest(), 2)]);
+            .chain([(NativeKernels::fastest(), 2)]);
         for (kernels, threads) in runs {
             let name = format!("{}/{threads} threads", kernels.name());
             group.bench_function(BenchmarkId::new(preset.name(), name), |bencher| {

@@ -11,11 +11,9 @@ use std::path::Path;
 use std::process::{Command, ExitCode};
 
 use anyhow::{Context, Result, ensure};
-use vgstereo_core::config::Config;
-use vgstereo_core::disparity::DisparityRange;
-use vgstereo_core::preset::Preset;
+use vgstereo_core::{Config, DisparityRange, Preset};
+use vgstereo_kernels::NativeKernels;
 use vgstereo_sim::frame::{Matched, match_frame};
-use vgstereo_sim::kernels::HostKernels;
 use vgstereo_sim::render::{RenderOptions, render};
 use vgstereo_sim::views::Views;
 
@@ -68,7 +66,7 @@ fn frame(preset: &str) -> Result<()> {
     });
     let views = Views::new(&scene.left, &scene.right, false).context("too wide")?;
     let config = Config {
-        format: views.format,
+        colour: views.has_colour(),
         ..Config::new(preset.parameters(), WIDTH, DisparityRange::up_to(D_MAX))
     };
     black_box(measured_frame(&config, &views)?);
@@ -77,7 +75,7 @@ fn frame(preset: &str) -> Result<()> {
 
 #[inline(never)]
 fn measured_frame(config: &Config, views: &Views) -> Result<Matched> {
-    let portable = HostKernels::available()[0];
+    let portable = NativeKernels::available().next().context("no kernel set")?;
     Ok(match_frame(config, views, portable, 1)?)
 }
 
@@ -150,7 +148,7 @@ fn counts(preset: Preset) -> Result<Vec<(&'static str, u64)>> {
     let total = count_of("PROGRAM TOTALS").context("callgrind_annotate gave no total")?;
     let mut counts = vec![("frame", total)];
     for kernel in KERNELS {
-        let function = format!("HostKernels as vgstereo_core::kernel::Kernels>::{kernel}");
+        let function = format!("NativeKernels as vgstereo_core::kernel::Kernels>::{kernel}");
         counts.extend(count_of(&function).map(|count| (kernel, count)));
     }
     Ok(counts)

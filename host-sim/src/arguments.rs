@@ -4,8 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::Args;
-use vgstereo_core::config::{Output, Parameters};
-use vgstereo_core::preset::Preset;
+use vgstereo_core::{Output, Parameters, Preset};
 
 use crate::parameters::{with_file, with_setting};
 
@@ -66,7 +65,7 @@ impl Overrides {
 /// Fails with one line that lists the names of all presets.
 pub fn parse_preset(name: &str) -> Result<Preset, String> {
     name.parse()
-        .map_err(|error: vgstereo_core::preset::UnknownPreset| error.to_string())
+        .map_err(|error: vgstereo_core::config::UnknownPreset| error.to_string())
 }
 
 /// Returns the output that the option `--sparse` asks for: sparse when it is set, otherwise

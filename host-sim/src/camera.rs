@@ -1,7 +1,8 @@
 //! A simulated stereo camera, which sends an image pair over a simulated wire.
 
 use image::{DynamicImage, RgbImage};
-use vgstereo_core::camera::{
+use vgstereo_core::kernel::luma_row;
+use vgstereo_firmware::camera::{
     ErrorKind, ErrorType, Geometry, Layout, LinePair, LinePairSource, PixelFormat,
 };
 use vgstereo_firmware::scripted::Rewind;
@@ -155,7 +156,7 @@ impl Rewind for SimulatedCamera {
 /// Returns a line of RGB pixels in this pixel format.
 fn encode(format: PixelFormat, rgb: &[u8]) -> Vec<u8> {
     let mut luma = vec![0; rgb.len() / 3];
-    PixelFormat::Rgb888.luma(rgb, &mut luma);
+    luma_row(PixelFormat::Rgb888, rgb, &mut luma);
     let (pixels, _) = rgb.as_chunks::<3>();
     match format {
         PixelFormat::Rgb888 => rgb.to_vec(),
@@ -214,7 +215,7 @@ fn merge(layout: Layout, format: PixelFormat, left: &[u8], right: &[u8], raw: &m
 mod tests {
     use super::*;
     use image::GrayImage;
-    use vgstereo_core::camera::Error;
+    use vgstereo_firmware::camera::Error;
     use vgstereo_firmware::scripted::{FaultKind, FaultyCamera, ScriptedFault};
 
     const LAYOUTS: [Layout; 6] = [

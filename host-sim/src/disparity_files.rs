@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
 use image::{DynamicImage, ImageBuffer, ImageFormat};
-use vgstereo_core::disparity::{DisparityRange, INVALID, STEPS_PER_PX};
+use vgstereo_core::{DisparityRange, INVALID, STEPS_PER_PX};
 
 use crate::files::encode;
 

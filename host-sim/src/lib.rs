@@ -4,8 +4,8 @@
 //! From the bottom up: [`files`], [`disparity_files`] and [`parameters`] read and write files.
 //! [`scene`] and [`views`] hold stereo pairs, [`dataset`] loads them, [`render`] makes one, and
 //! [`exposure`] and [`line_offset`] let the right camera differ from the left. [`camera`] and
-//! [`sink`] are the two ends of a firmware's session. [`kernels`] are the core's kernels for the
-//! host, and [`mod@frame`] matches whole frames with them. [`metrics`] measures disparities
+//! [`sink`] are the two ends of a firmware's session. [`mod@frame`] matches whole frames with the kernels of
+//! `vgstereo-kernels`. [`metrics`] measures disparities
 //! against ground truth, [`pictures`] shows them, [`published`] has results to compare with, and
 //! [`prepared`] joins a scene with its matching and measuring. [`arguments`], [`tables`] and
 //! [`terminal`] serve the [`commands`] of `vgstereo`.
@@ -18,7 +18,6 @@ pub mod disparity_files;
 pub mod exposure;
 pub mod files;
 pub mod frame;
-pub mod kernels;
 pub mod line_offset;
 pub mod metrics;
 pub mod parameters;

@@ -9,7 +9,7 @@ pub const LINE_OFFSET_MAX_PX: f32 = 8.0;
 /// The option `--line-offset`.
 #[derive(Debug, Clone, Copy, PartialEq, Args)]
 pub struct LineOffset {
-    /// By how much the right camera's lines lie too low, px. The aggregating presets make up for
+    /// By how much the right camera's lines lie too low, px. The SGM presets make up for
     /// as much as `method.line_offset_max_q4` says.
     #[arg(
         id = "line_offset",

@@ -1,6 +1,6 @@
 //! The measure of the Middlebury benchmark: the percentage of bad pixels over each mask.
 
-use vgstereo_core::disparity::{INVALID, STEPS_PER_PX};
+use vgstereo_core::{INVALID, STEPS_PER_PX};
 
 use crate::scene::{GroundTruth, Mask};
 

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, bail};
 use toml::{Table, Value};
-use vgstereo_core::config::{Method, Parameters};
+use vgstereo_core::{Method, Parameters};
 
 /// The value that leaves out an optional stage, in a file and on the command line.
 const NONE: &str = "none";
@@ -17,7 +17,7 @@ pub fn to_toml(parameters: &Parameters) -> Result<String> {
     let mut table = Table::try_from(parameters)?;
     // Stages that are left out are written as such. Otherwise those of the preset that the
     // document is applied to would remain.
-    if let (Method::Aggregation(_), Some(Value::Table(method))) =
+    if let (Method::Sgm(_), Some(Value::Table(method))) =
         (parameters.method, table.get_mut("method"))
     {
         for stage in ["speckle", "vote", "weighted_median"] {
@@ -109,7 +109,7 @@ fn merge(table: &mut Table, changes: Table) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use vgstereo_core::preset::Preset;
+    use vgstereo_core::Preset;
 
     #[test]
     fn every_preset_reads_back() {
@@ -131,16 +131,16 @@ mod tests {
         let set = |setting: &str| with_setting(&micro, setting);
         assert_eq!(set("synapses=128").unwrap().synapses, 128);
         assert_eq!(set("sigmas_px = [2.5, 1]").unwrap().sigmas_px, [2.5, 1.0]);
-        let Method::Aggregation(changed) = set("method.vote.reach_y_px=2").unwrap().method else {
+        let Method::Sgm(changed) = set("method.vote.reach_y_px=2").unwrap().method else {
             panic!("micro aggregates");
         };
         assert_eq!(changed.vote.unwrap().reach_y_px, 2);
-        let Method::Aggregation(changed) = set("method.vote=none").unwrap().method else {
+        let Method::Sgm(changed) = set("method.vote=none").unwrap().method else {
             panic!("micro aggregates");
         };
         assert_eq!(changed.vote, None);
         let whole = "method.speckle={size_min=8,step_q4=32,reach_y_px=2}";
-        let Method::Aggregation(changed) = set(whole).unwrap().method else {
+        let Method::Sgm(changed) = set(whole).unwrap().method else {
             panic!("micro aggregates");
         };
         assert_eq!(changed.speckle.unwrap().size_min, 8);

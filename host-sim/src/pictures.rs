@@ -1,7 +1,8 @@
 //! Pictures of disparity maps: coloured disparities and error maps.
 
 use image::{Rgb, RgbImage};
-use vgstereo_core::disparity::{DisparityRange, INVALID, px_to_q4};
+use vgstereo_core::disparity::px_to_q4;
+use vgstereo_core::{DisparityRange, INVALID};
 
 use crate::metrics::is_bad;
 use crate::scene::{GroundTruth, Mask};

@@ -3,12 +3,11 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use vgstereo_core::config::{Config, Output, Parameters};
-use vgstereo_core::disparity::DisparityRange;
+use vgstereo_core::{Config, DisparityRange, Output, Parameters};
+use vgstereo_kernels::NativeKernels;
 
 use crate::dataset::load_scene;
 use crate::frame::{Matched, match_frame};
-use crate::kernels::HostKernels;
 use crate::metrics::BadPixels;
 use crate::scene::Scene;
 use crate::views::Views;
@@ -68,11 +67,11 @@ impl Prepared {
         threads: usize,
     ) -> Result<Matched> {
         let config = Config {
-            format: self.views.format,
+            colour: self.views.has_colour(),
             output,
             ..Config::new(parameters, self.views.width, self.disparities())
         };
-        match_frame(&config, &self.views, HostKernels::fastest(), threads)
+        match_frame(&config, &self.views, NativeKernels::fastest(), threads)
             .with_context(|| self.scene.name.clone())
     }
 

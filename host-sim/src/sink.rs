@@ -1,6 +1,6 @@
 //! A sink that collects whole frames of disparities. The host has the memory for them.
 
-use vgstereo_core::matcher::DisparityLine;
+use vgstereo_core::DisparityLine;
 use vgstereo_firmware::{DisparitySink, Fault, FrameInfo};
 
 /// A whole frame of disparities with their confidences. Both are row-major without gaps:
@@ -121,8 +121,7 @@ impl DisparitySink for FrameCollector {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use vgstereo_core::config::Region;
-    use vgstereo_core::disparity::INVALID;
+    use vgstereo_core::{INVALID, Region};
 
     const INFO: FrameInfo = FrameInfo {
         frame: 7,

@@ -2,7 +2,9 @@
 
 use anyhow::{Context, Result};
 use image::RgbImage;
-use vgstereo_core::camera::PixelFormat;
+use vgstereo_core::Kernels;
+use vgstereo_core::kernel::luma_row;
+use vgstereo_firmware::camera::{PixelFormat, RawLine};
 
 /// A rectified pair of views, both of one size, stored as a camera delivers them: line by
 /// line, from the top.
@@ -53,7 +55,7 @@ impl Views {
     pub fn to_grey(&self) -> Self {
         let lines = |view: &[u8]| {
             let mut grey = vec![0; view.len() / self.format.bytes_per_pixel()];
-            self.format.luma(view, &mut grey);
+            luma_row(self.format, view, &mut grey);
             grey
         };
         Self {
@@ -64,11 +66,26 @@ impl Views {
         }
     }
 
-    /// Returns the pairs of lines, left and right, from the top.
-    pub fn lines(&self) -> impl Iterator<Item = (&[u8], &[u8])> {
+    /// Whether the views have colour.
+    #[must_use]
+    pub fn has_colour(&self) -> bool {
+        !self.format.is_grey()
+    }
+
+    /// Number of pairs of lines.
+    #[must_use]
+    pub fn height(&self) -> usize {
+        self.left.len() / self.format.line_bytes(self.width).max(1)
+    }
+
+    /// The pairs of lines from the top, to be unpacked by `kernels`.
+    pub fn lines<K: Kernels>(
+        &self,
+        kernels: K,
+    ) -> impl Iterator<Item = (RawLine<'_, K>, RawLine<'_, K>)> {
         let bytes = self.format.line_bytes(self.width).max(1);
-        self.left
-            .chunks_exact(bytes)
-            .zip(self.right.chunks_exact(bytes))
+        let line = move |bytes| RawLine::new(self.format, bytes, kernels);
+        let right = self.right.chunks_exact(bytes).map(line);
+        self.left.chunks_exact(bytes).map(line).zip(right)
     }
 }

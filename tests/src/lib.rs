@@ -1,40 +1,39 @@
-//! What the tests share: random pairs, and the slow, evident versions of every stage.
+//! Helpers of the tests: random pairs, measures of accuracy, and oracles for every stage.
 
 pub mod oracle;
-pub mod surface;
 
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
-use vgstereo_core::camera::PixelFormat;
-use vgstereo_core::config::{Config, Output, Parameters};
-use vgstereo_core::kernel::Kernels;
-use vgstereo_core::matcher::{DisparityLine, Matcher};
-use vgstereo_core::view::View;
+use vgstereo_core::literal::GreyImage;
+use vgstereo_core::{Config, DisparityLine, Kernels, Matcher, Output, Parameters, Portable};
+use vgstereo_firmware::camera::{PixelFormat, RawLine};
 use vgstereo_sim::prepared::Prepared;
 use vgstereo_sim::scene::Scene;
 use vgstereo_sim::views::Views;
 
-/// A pair of views, grey unless said otherwise.
+/// A pair of views of equal size.
 #[derive(Debug, Clone)]
 pub struct Pair {
-    /// Columns, px.
+    /// Number of columns, px.
     pub width: usize,
-    /// Lines.
+    /// Number of lines.
     pub height: usize,
-    /// Left view, row-major.
+    /// Pixel format of both views.
+    pub format: PixelFormat,
+    /// Left view, row by row.
     pub left: Vec<u8>,
-    /// Right view, row-major.
+    /// Right view, row by row.
     pub right: Vec<u8>,
 }
 
 impl Pair {
-    /// A pair of unrelated pixels with `levels` grey levels: few levels make many ties.
+    /// Returns a grey pair of unrelated random pixels. With few `levels`, many distances tie.
     #[must_use]
     pub fn random(width: usize, height: usize, levels: u32, seed: u64) -> Self {
         Self::random_in(PixelFormat::Grey8, width, height, levels, seed)
     }
 
-    /// The same with pixels of another format, whose every byte has `levels` levels.
+    /// Returns a pair of unrelated random pixels of any format; each byte is below `levels`.
     #[must_use]
     pub fn random_in(
         format: PixelFormat,
@@ -51,31 +50,32 @@ impl Pair {
         Self {
             width,
             height,
+            format,
             left: view(),
             right: view(),
         }
     }
 
-    /// The left view, for the literal network.
+    /// Returns the left view, for the literal network.
     #[must_use]
-    pub fn left_view(&self) -> View<'_> {
-        View::new(&self.left, self.width, self.height).unwrap()
+    pub fn left_view(&self) -> GreyImage<'_> {
+        GreyImage::new(&self.left, self.width, self.height).unwrap()
     }
 
-    /// The right view.
+    /// Returns the right view, for the literal network.
     #[must_use]
-    pub fn right_view(&self) -> View<'_> {
-        View::new(&self.right, self.width, self.height).unwrap()
+    pub fn right_view(&self) -> GreyImage<'_> {
+        GreyImage::new(&self.right, self.width, self.height).unwrap()
     }
 
-    /// Streams the pair through a matcher, in exactly the memory that it states; checks
-    /// the numbers of the lines and the latency on the way. Gives 1/16 px of the region.
+    /// Streams the pair through a matcher with exactly the memory that it states, and checks the
+    /// line numbers and the latency. Returns the disparities of the region, 1/16 px.
     #[must_use]
     pub fn stream(&self, config: &Config, kernels: impl Kernels) -> Vec<i16> {
         self.stream_with_confidences(config, kernels).disparities_q4
     }
 
-    /// The same with the confidences.
+    /// Does what [`Pair::stream`] does, and also returns the confidences.
     #[must_use]
     pub fn stream_with_confidences(&self, config: &Config, kernels: impl Kernels) -> Map {
         let mut memory = vec![u32::MAX; config.memory_words()];
@@ -83,7 +83,8 @@ impl Pair {
         self.stream_through(&mut matcher)
     }
 
-    /// The same through a matcher that is between two frames, and is so again after.
+    /// Streams the pair through a matcher that is between two frames, and leaves it so. Checks the
+    /// line numbers and the latency.
     #[must_use]
     pub fn stream_through<K: Kernels>(&self, matcher: &mut Matcher<'_, K>) -> Map {
         let config = *matcher.config();
@@ -91,8 +92,8 @@ impl Pair {
         let region = config.region;
         let mut next = region.y;
         let mut map = Map::default();
-        for (number, (left, right)) in (0..).zip(self.lines(config.format)) {
-            if let Some(line) = matcher.push(left, right).unwrap() {
+        for (number, (left, right)) in (0..).zip(self.lines()) {
+            if let Some(line) = matcher.push(&left, &right).unwrap() {
                 assert_eq!((line.line, line.column), (next, region.x));
                 assert_eq!(line.line + latency, number, "latency");
                 map.extend(&line, region.width);
@@ -107,36 +108,38 @@ impl Pair {
         map
     }
 
-    /// Returns the pair for the host simulator, as views in this format.
+    /// Returns the pair as views, for the host simulator.
     ///
     /// # Panics
-    /// Panics when the pair is wider than 65535 px.
+    /// If the pair is wider than 65535 px.
     #[must_use]
-    pub fn views(&self, format: PixelFormat) -> Views {
+    pub fn views(&self) -> Views {
         Views {
             left: self.left.clone(),
             right: self.right.clone(),
             width: self.width.try_into().unwrap(),
-            format,
+            format: self.format,
         }
     }
 
-    /// The pairs of lines from the top, of views in this format.
-    pub fn lines(&self, format: PixelFormat) -> impl Iterator<Item = (&[u8], &[u8])> {
-        let bytes = self.width * format.bytes_per_pixel();
-        let left = self.left.chunks_exact(bytes);
-        left.zip(self.right.chunks_exact(bytes))
+    /// Returns the pairs of lines from the top.
+    pub fn lines(&self) -> impl Iterator<Item = (RawLine<'_, Portable>, RawLine<'_, Portable>)> {
+        let bytes = self.width * self.format.bytes_per_pixel();
+        let line = |bytes| RawLine::new(self.format, bytes, Portable);
+        let right = self.right.chunks_exact(bytes).map(line);
+        self.left.chunks_exact(bytes).map(line).zip(right)
     }
 }
 
-/// Bad pixels of a scene with its truth, percent, the average over its masks: further than
-/// 1 px from it.
+/// Returns the percentage of pixels whose disparity is more than 1 px from the scene's truth,
+/// averaged over the scene's masks.
 #[must_use]
 pub fn bad_percent(parameters: Parameters, scene: &Scene) -> f64 {
     bad_percent_beyond(1.0, parameters, scene, false)
 }
 
-/// The same further than a threshold; in grey when asked for.
+/// Returns the percentage of pixels whose disparity is more than `threshold_px` from the scene's
+/// truth, averaged over its masks; the views are matched in grey if `grey` is set.
 #[must_use]
 pub fn bad_percent_beyond(
     threshold_px: f32,
@@ -150,20 +153,20 @@ pub fn bad_percent_beyond(
     bad.average().unwrap()
 }
 
-/// The mean of that over seeds 1 to 6: from which side a blank wall is filled hangs on the
-/// synapses drawn.
+/// Returns the mean of [`bad_percent`] over seeds 1 to 6, because the synapses drawn decide from
+/// which side a blank wall is filled.
 #[must_use]
 pub fn mean_bad_percent(parameters: Parameters, scene: &Scene) -> f64 {
     let bad = (1..=6).map(|seed| bad_percent(parameters.with_seed(seed), scene));
     bad.sum::<f64>() / 6.0
 }
 
-/// What a matcher gave of a frame, row-major.
+/// Output of a matcher for one frame, row by row.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Map {
     /// Disparities of the region, 1/16 px.
     pub disparities_q4: Vec<i16>,
-    /// Their confidences.
+    /// Confidences of the disparities.
     pub confidences: Vec<u8>,
 }
 

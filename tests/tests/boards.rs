@@ -1,7 +1,8 @@
-//! Emulated boards: the host's bytes, exact counters under faults, repeatable counts.
+//! Tests on the emulated boards: results equal to the host's, exact counters under faults,
+//! repeatable instruction counts.
 //!
-//! Runs where a board's compiler and emulator are installed (`cargo firmware setup`); the
-//! others are listed as ignored.
+//! A board is tested if its compiler and emulator are installed (`cargo firmware setup`); otherwise
+//! its tests are listed as ignored.
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use rand_core::{Rng, SeedableRng};
@@ -12,11 +13,12 @@ use vgstereo_boards::elf::Sizes;
 use vgstereo_boards::emulator::{self, Clock};
 use vgstereo_boards::pair::Pair;
 use vgstereo_boards::{host, panics, stack, toolchain};
-use vgstereo_core::camera::PixelFormat;
-use vgstereo_core::preset::Preset;
+use vgstereo_core::Preset;
+use vgstereo_firmware::camera::PixelFormat;
 use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
 
-/// Board, preset, columns, disparities, and KiB that statics and stack may take in all.
+/// Limits of RAM: board, preset, columns, number of disparities, and KiB that statics, working
+/// memory and stack may take together.
 const RAM_KIB: [(Board, Preset, u32, u16, u64); 5] = [
     (STM32F405, Preset::Lite, 160, 32, 44),
     (STM32F405, Preset::Lite, 320, 48, 84),
@@ -27,7 +29,7 @@ const RAM_KIB: [(Board, Preset, u32, u16, u64); 5] = [
 
 type BoardTest = fn(&Board) -> Result<(), Failed>;
 
-/// Of every emulated board; ignored where something that the board needs is missing.
+/// Tests of each emulated board, ignored if a tool that the board needs is missing.
 const TESTS: [(&str, BoardTest); 8] = [
     ("presets", same_bytes_with_every_preset),
     ("faults", exact_under_every_fault),
@@ -52,7 +54,7 @@ fn main() {
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }
 
-/// The built-in scene with as many lines as every stage looks over, and some more.
+/// The built-in scene, with more lines than all stages together look ahead.
 fn small_pair() -> Pair {
     Pair::rendered(64, 40, 16)
 }
@@ -85,7 +87,7 @@ fn same_bytes_with_every_preset(board: &Board) -> Result<(), Failed> {
 fn exact_under_every_fault(board: &Board) -> Result<(), Failed> {
     let last = small_pair().left.height() - 1;
     for line in [0, 1, last / 2, last - 1, last] {
-        // One in every other frame.
+        // One fault in every other frame.
         let script = FaultKind::ALL.into_iter().zip((1..).step_by(2));
         let script: Vec<_> = script
             .map(|(kind, frame)| ScriptedFault { frame, line, kind })
@@ -113,7 +115,8 @@ fn exact_under_random_faults(board: &Board) -> Result<(), Failed> {
     Ok(())
 }
 
-/// All frames that come whole are the undisturbed one; the counters are the host's.
+/// Asserts that every complete frame equals the undisturbed one, and that the counters equal the
+/// host's.
 fn exact_under(board: &Board, script: &[ScriptedFault]) -> Result<(), Failed> {
     let firmware = build(board).map_err(text)?;
     let pair = small_pair();
@@ -123,7 +126,7 @@ fn exact_under(board: &Board, script: &[ScriptedFault]) -> Result<(), Failed> {
         anyhow::Ok((board, host::run(&pair, &request)?))
     };
     let ((undisturbed, _), _) = run(1, &[]).map_err(text)?;
-    // As many as are whole among the disturbed ones, and one after them.
+    // As many frames as are complete among the disturbed ones, and one after them.
     let frames = script.len() as u32 + 1;
     let ((frames, report), (expected, statistics)) = run(frames, script).map_err(text)?;
     assert_eq!(report.statistics, statistics, "{script:?}");
@@ -136,7 +139,7 @@ fn exact_under(board: &Board, script: &[ScriptedFault]) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Frames that always end too early: the board gives up, and says so.
+/// With a camera whose frames always end too early, the board gives up and reports it.
 fn a_dead_camera_ends_the_run(board: &Board) -> Result<(), Failed> {
     let firmware = build(board).map_err(text)?;
     let pair = small_pair();
@@ -168,7 +171,7 @@ fn every_frame_is_logged(board: &Board) -> Result<(), Failed> {
     let request = pair.request(Preset::Lite, 2, &[fault]).map_err(text)?;
     let ran = emulator::run_logged(board, &firmware, &pair, &request, Clock::Host);
     let (_, _, log) = ran.map_err(text)?;
-    // Of 40 lines a frame, the second one is lost from line 10 on.
+    // A frame has 40 lines; the second frame is lost from line 10 on.
     let lines = [
         "info frame 0: 40 lines so far, 0 dropped; 0 frames dropped",
         "info frame 2: 90 lines so far, 30 dropped; 1 frames dropped",
@@ -192,7 +195,7 @@ fn within_the_memory_promised(board: &Board) -> Result<(), Failed> {
         if of != *board {
             continue;
         }
-        // Memory does not depend on the height.
+        // Memory does not depend on the height of the frame.
         let pair = Pair::rendered(width, 40, disparities);
         let request = pair.request(preset, 1, &[]).map_err(text)?;
         let ran = emulator::run(board, &firmware, &pair, &request, Clock::Host);
@@ -201,7 +204,7 @@ fn within_the_memory_promised(board: &Board) -> Result<(), Failed> {
             sizes.statics_bytes + u64::from(report.working_bytes) + u64::from(report.stack_bytes);
         println!("{} {preset} {width}x{disparities}: {bytes} bytes", of.name);
         assert!(bytes <= kib * 1024, "{preset} {width}: {bytes} bytes");
-        // What was painted over is within what the compiler states.
+        // The measured stack is within the bound that follows from the compiler's stack sizes.
         if let Some(deepest_bytes) = deepest_bytes {
             assert!(u64::from(report.stack_bytes) <= deepest_bytes, "{preset}");
         }

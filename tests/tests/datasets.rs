@@ -1,17 +1,17 @@
-//! Results on real pairs: the paper's, and what the aggregating presets promise.
+//! Accuracy on real pairs: the paper's results, and the bounds of the SGM presets.
 //!
-//! Runs where `MIDDLEBURY_DIR` or `KITTI_DIR` names a folder of scenes in the layout that
-//! `vgstereo eval` reads; the others are listed as ignored.
+//! The tests run if `MIDDLEBURY_DIR` or `KITTI_DIR` names a folder of scenes in the layout that
+//! `vgstereo eval` reads; otherwise they are listed as ignored.
 
 use std::path::{Path, PathBuf};
 
 use libtest_mimic::{Arguments, Failed, Trial};
-use vgstereo_core::preset::Preset;
+use vgstereo_core::Preset;
 use vgstereo_sim::dataset::load_scene;
 use vgstereo_tests::bad_percent_beyond;
 
-/// Scene and the largest average of the three masks with the preset `paper`, percent: the
-/// paper's own, read generously as its tables differ.
+/// Scenes, and the largest percentage of bad pixels, averaged over the three masks, with the preset
+/// `paper`. The bounds are the paper's own figures, with some allowance because its tables differ.
 const MIDDLEBURY: [(&str, f64); 4] = [
     ("tsukuba", 13.5),
     ("venus", 13.0),
@@ -28,8 +28,9 @@ const KITTI: [&str; 6] = [
     "000185_10",
 ];
 
-/// Mean over the Middlebury scenes: preset, in grey, smallest, largest. The paper's table
-/// has 15.0 with its filters; its code family's plain network about 17.5.
+/// Bounds of the mean percentage of bad pixels over the Middlebury scenes: preset, whether the
+/// views are grey, smallest and largest. The paper's table has 15.0 with its filters; the plain
+/// network of the code that it builds on has about 17.5.
 const MIDDLEBURY_MEANS: [(Preset, bool, f64, f64); 7] = [
     (Preset::PaperRaw, false, 16.0, 18.5),
     (Preset::Paper, false, 0.0, 15.0),
@@ -40,7 +41,7 @@ const MIDDLEBURY_MEANS: [(Preset, bool, f64, f64); 7] = [
     (Preset::Quality, false, 0.0, 4.4),
 ];
 
-/// Mean over the KITTI pairs, further than 3 px.
+/// Largest mean percentage of pixels that are more than 3 px off, over the KITTI pairs.
 const KITTI_MEANS: [(Preset, f64); 4] = [
     (Preset::Lite, 9.0),
     (Preset::Micro, 7.0),
@@ -84,7 +85,7 @@ fn main() {
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }
 
-/// A test on the folder that an environment variable names; ignored without it.
+/// Creates a test on the folder that an environment variable names, ignored if it is not set.
 fn trial(
     variable: &str,
     name: String,
@@ -95,7 +96,8 @@ fn trial(
     Trial::test(name, move || test(&folder.unwrap_or_default())).with_ignored_flag(absent)
 }
 
-/// Mean over scenes of the average over the masks of the bad pixels, percent.
+/// Returns the percentage of bad pixels, averaged over the masks of each scene and then over the
+/// scenes.
 fn mean(
     folder: &Path,
     scenes: &[&str],

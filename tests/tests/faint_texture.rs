@@ -1,12 +1,11 @@
-//! What smoothing is for: surfaces whose texture is faint beside the noise.
+//! Effect of smoothing: surfaces whose texture is faint compared with the noise are matched better.
 
-use vgstereo_core::config::Method;
-use vgstereo_core::preset::Preset;
+use vgstereo_core::{Method, Preset};
 use vgstereo_sim::exposure::Exposure;
 use vgstereo_sim::render::{RenderOptions, render};
 use vgstereo_tests::mean_bad_percent;
 
-/// Bad pixels on the built-in scene as the preset is and without smoothing, percent.
+/// Percentage of bad pixels on the built-in scene with the preset's smoothing, and without.
 fn smoothed_or_not(preset: Preset, texture: f32) -> [f64; 2] {
     let scene = render(&RenderOptions {
         texture,
@@ -15,7 +14,7 @@ fn smoothed_or_not(preset: Preset, texture: f32) -> [f64; 2] {
     });
     let smoothed = preset.parameters();
     let mut as_they_came = smoothed;
-    if let Method::Aggregation(aggregation) = &mut as_they_came.method {
+    if let Method::Sgm(aggregation) = &mut as_they_came.method {
         aggregation.smoothing_step = 0;
     }
     [smoothed, as_they_came].map(|parameters| mean_bad_percent(parameters, &scene))

@@ -1,27 +1,26 @@
-//! What the matcher promises of memory, latency, frames and refusals.
+//! Guarantees of the matcher on memory, latency, independence of frames and refusal of input.
 
-use vgstereo_core::camera::PixelFormat;
-use vgstereo_core::config::{Aggregation, Config, ConfigError, Method, Parameters, Recall, Region};
-use vgstereo_core::disparity::{DisparityRange, Reference};
-use vgstereo_core::kernel::Portable;
-use vgstereo_core::matcher::{Matcher, PushError};
-use vgstereo_core::matching::TieBreak;
-use vgstereo_core::memory::OutOfMemory;
-use vgstereo_core::preset::{DEFAULT_SEED, Preset};
-use vgstereo_core::synapse::{Support, SynapseError};
+use vgstereo_core::config::{DEFAULT_SEED, Support, SynapseError};
+use vgstereo_core::kernel::TieBreak;
+use vgstereo_core::rows::OutOfMemory;
+use vgstereo_core::{
+    Config, ConfigError, DisparityRange, Matcher, Method, Parameters, Portable, Preset, PushError,
+    RecallParameters, Reference, Region, SgmParameters,
+};
+use vgstereo_firmware::camera::{PixelFormat, RawLine};
+use vgstereo_kernels::NativeKernels;
 use vgstereo_sim::frame::match_frame;
-use vgstereo_sim::kernels::HostKernels;
 use vgstereo_tests::{Map, Pair};
 
-/// The reference configuration: Middlebury's Teddy.
+/// Reference configuration: Middlebury's Teddy.
 const TEDDY: Config = Config::new(
     Preset::PaperRaw.parameters(),
     450,
     DisparityRange::up_to(59),
 );
 
-// The parts of the table at `Config::memory_words`, each rounded up to words; the last are
-// the output line and its confidences.
+// The terms are the parts that `RecallMatcher::parts` and `RecallRefiner::parts` state, each
+// rounded up to words. The last two are the output line and its confidences.
 const _: () = assert!(
     TEDDY.memory_words() * 4
         == 2 * 256 + 2 * (25 * 474 + 2) + 2 * (466 * 32) + 2 * 64 + 2 * 450 + 2 * 450 + 452
@@ -35,7 +34,7 @@ fn exactly_the_stated_memory_is_enough() {
             for format in PixelFormat::ALL {
                 let disparities = DisparityRange::up_to(d_max);
                 let config = Config {
-                    format,
+                    colour: !format.is_grey(),
                     ..Config::new(preset.parameters(), width, disparities)
                 };
                 let mut memory = vec![0; config.memory_words()];
@@ -52,7 +51,7 @@ fn exactly_the_stated_memory_is_enough() {
     }
 }
 
-/// The lines that each stage looks ahead, one after another.
+/// Returns the number of lines that all stages together look ahead.
 fn lines_ahead(parameters: &Parameters) -> u32 {
     let support = u32::from(parameters.support.y_px);
     support
@@ -60,14 +59,15 @@ fn lines_ahead(parameters: &Parameters) -> u32 {
             Method::Recall(recall) => {
                 u32::from(recall.vote_passes) + u32::from(recall.median_reach_px)
             }
-            Method::Aggregation(aggregation) => {
+            Method::Sgm(aggregation) => {
                 let speckle = aggregation
                     .speckle
                     .map_or(0, |speckle| u32::from(speckle.reach_y_px));
                 let vote = aggregation
                     .vote
                     .map_or(0, |vote| u32::from(vote.reach_y_px));
-                // A median of 3 x 3; the weighted one brings another.
+                // A median of 3 x 3 pixels looks one line ahead; the weighted median is followed by
+                // another.
                 let median = aggregation
                     .weighted_median
                     .map_or(0, |median| u32::from(median.reach_y_px) + 1);
@@ -76,8 +76,8 @@ fn lines_ahead(parameters: &Parameters) -> u32 {
         }
 }
 
-/// The first line comes with pair number `latency_lines`, then one with every pair, and
-/// `finish` gives as many as were held back.
+/// The first line is returned with pair number `latency_lines`, and one more with each pair after
+/// it. `finish` returns the lines that were held back.
 #[test]
 fn latency_is_as_stated() {
     for preset in Preset::ALL {
@@ -85,10 +85,11 @@ fn latency_is_as_stated() {
         let latency = config.parameters.latency_lines();
         assert_eq!(latency, lines_ahead(&config.parameters), "{preset}");
         match preset {
-            // 12 lines of support; 5 passes of the vote and half a median of 7.
+            // Paper: 12 lines of support, 5 passes of the vote, and half a median of 7 x 7.
+            // PaperRaw: support only.
             Preset::PaperRaw => assert_eq!(latency, 12),
             Preset::Paper => assert_eq!(latency, 12 + 5 + 3),
-            // 3 lines of support and 4 of the vote; medians of 3, 5 and 3.
+            // 3 lines of support, 4 of the vote; medians over 3, 5 and 3 lines.
             Preset::Micro => assert_eq!(latency, 3 + 4 + 1 + 2 + 1),
             _ => {}
         }
@@ -108,7 +109,7 @@ fn latency_is_as_stated() {
     }
 }
 
-/// A region that ends above the frame's end does not hold its last lines back.
+/// If a region ends above the end of the frame, its last lines are not held back until then.
 #[test]
 fn latency_is_as_stated_below_a_region() {
     let places = [(0, 1), (3, 2), (2, 5), (0, 30), (9, 40), (59, 1)];
@@ -162,7 +163,7 @@ fn frames_do_not_leak_into_each_other() {
             }
             map
         };
-        // A frame that ends, then one that is broken off, then the one that counts.
+        // A complete frame, one that is broken off, then the one that is compared.
         push(&mut matcher, &first);
         while matcher.finish().is_some() {}
         push(&mut matcher, &first);
@@ -181,7 +182,7 @@ fn refused_lines_change_nothing() {
     let presets = Preset::ALL.into_iter();
     for (preset, format) in presets.flat_map(|preset| formats.map(|format| (preset, format))) {
         let config = Config {
-            format,
+            colour: !format.is_grey(),
             ..Config::new(preset.parameters(), 40, DisparityRange::up_to(15))
         };
         let pair = Pair::random_in(format, 40, 30, 200, 1);
@@ -189,52 +190,59 @@ fn refused_lines_change_nothing() {
         let mut memory = vec![0; config.memory_words()];
         let mut matcher = Matcher::new(&config, Portable, &mut memory).unwrap();
         let mut map = Map::default();
-        for (left, right) in pair.lines(format) {
-            assert_eq!(matcher.push(&left[1..], right), Err(PushError::Width));
-            let longer = vec![0; bytes + 1];
-            assert_eq!(matcher.push(left, &longer), Err(PushError::Width));
-            if let Some(line) = matcher.push(left, right).unwrap() {
+        let raw = |bytes| RawLine::new(format, bytes, Portable);
+        let longer = vec![0; bytes + format.bytes_per_pixel()];
+        for (left, right) in pair.lines() {
+            let refused = matcher.push(&raw(&pair.left[1..bytes]), &right);
+            assert_eq!(refused, Err(PushError::Width));
+            let refused = matcher.push(&left, &raw(&longer));
+            assert_eq!(refused, Err(PushError::Width));
+            if config.colour {
+                let refused = matcher.push(&left, &[7; 40]);
+                assert_eq!(refused, Err(PushError::Colour));
+            }
+            if let Some(line) = matcher.push(&left, &right).unwrap() {
                 map.extend(&line, 40);
             }
         }
         while let Some(line) = matcher.finish() {
             map.extend(&line, 40);
-            let refused = matcher.push(&pair.left[..bytes], &pair.right[..bytes]);
-            assert_eq!(refused, Err(PushError::Finishing));
+            let (left, right) = (raw(&pair.left[..bytes]), raw(&pair.right[..bytes]));
+            assert_eq!(matcher.push(&left, &right), Err(PushError::Finishing));
         }
         assert_eq!(map, pair.stream_with_confidences(&config, Portable));
     }
 }
 
-fn recall_of(config: &mut Config) -> &mut Recall {
+fn recall_of(config: &mut Config) -> &mut RecallParameters {
     match &mut config.parameters.method {
         Method::Recall(recall) => recall,
-        Method::Aggregation(_) => panic!("not the paper's method"),
+        Method::Sgm(_) => panic!("not the paper's method"),
     }
 }
 
-fn micro() -> Aggregation {
+fn micro() -> SgmParameters {
     match Preset::Micro.parameters().method {
-        Method::Aggregation(aggregation) => aggregation,
+        Method::Sgm(aggregation) => aggregation,
         Method::Recall(_) => panic!("micro aggregates"),
     }
 }
 
 #[test]
 fn aggregations_out_of_range_are_refused() {
-    let refusal = |change: &dyn Fn(&mut Aggregation)| {
+    let refusal = |change: &dyn Fn(&mut SgmParameters)| {
         let mut aggregation = micro();
         change(&mut aggregation);
         let parameters = Parameters {
-            method: Method::Aggregation(aggregation),
+            method: Method::Sgm(aggregation),
             ..Preset::Micro.parameters()
         };
         let config = Config::new(parameters, 40, DisparityRange::up_to(15));
         Matcher::new(&config, Portable, &mut vec![0; 1 << 20]).err()
     };
     assert_eq!(refusal(&|_| ()), None);
-    let costs: [&dyn Fn(&mut Aggregation); 5] = [
-        // 210 and the 45 of the levels.
+    let costs: [&dyn Fn(&mut SgmParameters); 5] = [
+        // The sum with P2 and the 45 of the levels is 255, one too many.
         &|a| a.hamming_truncation = 255 - 45 - a.p2,
         &|a| a.difference_weight_q4 = 255,
         &|a| a.p2 = 255,
@@ -245,14 +253,14 @@ fn aggregations_out_of_range_are_refused() {
         assert_eq!(refusal(change), Some(ConfigError::Costs), "{number}");
     }
     assert_eq!(refusal(&|a| a.hamming_truncation = 254 - 45 - a.p2), None);
-    let windows: [&dyn Fn(&mut Aggregation); 7] = [
+    let windows: [&dyn Fn(&mut SgmParameters); 7] = [
         &|a| a.kept_cells_q8 = 0,
         &|a| a.vote.as_mut().unwrap().reach_x_px = 128,
         &|a| a.vote.as_mut().unwrap().reach_y_px = 16,
         &|a| a.weighted_median.as_mut().unwrap().reach_x_px = 31,
         &|a| a.weighted_median.as_mut().unwrap().reach_y_px = 8,
         &|a| a.weighted_median.as_mut().unwrap().colour_reach = 49,
-        // Half of 61 x 15 are taps.
+        // Out of range, and odd: the largest window is 61 x 13 pixels.
         &|a| {
             let median = a.weighted_median.as_mut().unwrap();
             (median.reach_x_px, median.reach_y_px) = (30, 7);
@@ -321,7 +329,7 @@ fn configurations_out_of_range_are_refused() {
     }
 }
 
-/// Every parameter at its upper end at once.
+/// All parameters at their upper ends at the same time.
 #[test]
 fn the_largest_parameters_run() {
     let pair = Pair::random(30, 4, 200, 6);
@@ -330,7 +338,7 @@ fn the_largest_parameters_run() {
         sigmas_px: [10.0; 2],
         support: Support::square(127),
         seed: DEFAULT_SEED,
-        method: Method::Recall(Recall {
+        method: Method::Recall(RecallParameters {
             ties: TieBreak::Random { seed: DEFAULT_SEED },
             candidates: 16,
             vote_passes: u8::MAX,
@@ -339,7 +347,10 @@ fn the_largest_parameters_run() {
     };
     let config = Config::new(parameters, 30, DisparityRange::up_to(29));
     let map = pair.stream(&config, Portable);
-    assert_eq!(map, vgstereo_tests::oracle::match_whole(&pair, &config));
+    assert_eq!(
+        map,
+        vgstereo_tests::oracle::recall::match_whole(&pair, &config)
+    );
 }
 
 #[test]
@@ -352,19 +363,19 @@ fn threads_give_the_same_frame() {
         width: 40,
         height: 17,
     };
-    // More rows than wait between threads, as many, fewer, and fewer than synapses reach.
+    // More lines than wait between threads, as many, fewer, and fewer than the synapses reach.
     for (height, format) in [81, 32, 14, 1]
         .into_iter()
         .flat_map(|h| formats.map(|f| (h, f)))
     {
         let pair = Pair::random_in(format, 61, height, 30, 9);
-        let views = pair.views(format);
+        let views = pair.views();
         for (preset, reference) in Preset::ALL
             .into_iter()
             .flat_map(|preset| references.map(|reference| (preset, reference)))
         {
             let mut config = Config {
-                format,
+                colour: !format.is_grey(),
                 reference,
                 ..Config::new(preset.parameters(), 61, DisparityRange::up_to(20))
             };
@@ -373,7 +384,7 @@ fn threads_give_the_same_frame() {
                 let alone = pair.stream_with_confidences(&config, Portable);
                 for threads in [0, 1, 2, 3, 64, 100_000, usize::MAX] {
                     let matched =
-                        match_frame(&config, &views, HostKernels::fastest(), threads).unwrap();
+                        match_frame(&config, &views, NativeKernels::fastest(), threads).unwrap();
                     let case =
                         format!("{preset}, {reference:?}, {height} lines, {threads} threads");
                     assert_eq!(matched.disparities_q4, alone.disparities_q4, "{case}");

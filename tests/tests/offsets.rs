@@ -1,8 +1,9 @@
-//! Golden values of the seeded offsets, from `golden/offsets.py`, which shares no code with us.
+//! Offsets drawn from a seed, compared with those of `golden/offsets.py`, an independent program.
 
 use rand_core::SeedableRng;
 use rand_pcg::Pcg32;
-use vgstereo_core::synapse::{MAX_SYNAPSES, Support, Synapses};
+use vgstereo_core::config::{MAX_SYNAPSES, Support};
+use vgstereo_core::pattern::Synapses;
 
 struct Golden {
     seed: u64,

@@ -1,18 +1,17 @@
-//! The session under every fault that a camera or a sink can bring.
+//! The session under every fault of a camera or a sink.
 
 use std::cell::Cell;
 
 use image::{DynamicImage, GrayImage, RgbImage};
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
-use vgstereo_core::camera::{
+use vgstereo_core::{
+    Config, DisparityLine, DisparityRange, INVALID, Matcher, Method, Output, Portable, Preset,
+    Region,
+};
+use vgstereo_firmware::camera::{
     ErrorKind, ErrorType, Geometry, Layout, LinePair, LinePairSource, PixelFormat,
 };
-use vgstereo_core::config::{Config, Method, Output, Region};
-use vgstereo_core::disparity::{DisparityRange, INVALID};
-use vgstereo_core::kernel::Portable;
-use vgstereo_core::matcher::{DisparityLine, Matcher};
-use vgstereo_core::preset::Preset;
 use vgstereo_firmware::scripted::{FaultKind, FaultyCamera, ScriptedFault};
 use vgstereo_firmware::session::{ATTEMPT_FRAMES, RunError, SessionError, memory_words};
 use vgstereo_firmware::{
@@ -47,7 +46,8 @@ fn fault_kinds() -> Vec<FaultKind> {
     kinds
 }
 
-/// Every stage of the pipeline, small: 11 lines of latency, fewer than the frame has.
+/// A configuration with every stage of the paper's method: 10 lines of latency, fewer than the
+/// frame has.
 fn config() -> Config {
     let mut parameters = Preset::Paper.parameters().with_sigma(1.0);
     parameters.synapses = 32;
@@ -57,12 +57,15 @@ fn config() -> Config {
     Config::new(parameters, WIDTH, DisparityRange::up_to(6))
 }
 
-/// The same configuration for a camera of another pixel format.
+/// The configuration of [`config`] for a camera of another pixel format.
 fn config_in(format: PixelFormat) -> Config {
-    Config { format, ..config() }
+    Config {
+        colour: !format.is_grey(),
+        ..config()
+    }
 }
 
-/// A textured view pair, the right one 3 px to the left, with some noise.
+/// A textured pair of views; the right one is shifted 3 px to the left and has some noise.
 fn colours(height: u32) -> (RgbImage, RgbImage) {
     let mut generator = Pcg32::seed_from_u64(20);
     let mut random = |_, _| image::Rgb([0; 3].map(|_: u8| generator.next_u32() as u8));
@@ -86,7 +89,7 @@ fn grey_camera() -> SimulatedCamera {
     camera(HEIGHT, Layout::SideBySide, PixelFormat::Grey8)
 }
 
-/// What a format leaves of a colour, as grey.
+/// Returns the luma of an image after it has passed through a pixel format.
 fn grey(format: PixelFormat, image: &RgbImage) -> GrayImage {
     let luma = |[red, green, blue]: [u32; 3]| (77 * red + 150 * green + 29 * blue + 128) >> 8;
     GrayImage::from_fn(image.width(), image.height(), |x, y| {
@@ -102,7 +105,7 @@ fn grey(format: PixelFormat, image: &RgbImage) -> GrayImage {
     })
 }
 
-/// The frame that the matcher alone makes of grey views.
+/// Returns the frame that the matcher alone computes from grey views.
 fn direct(config: &Config, left: &GrayImage, right: &GrayImage) -> Vec<i16> {
     let mut memory = vec![0; config.memory_words()];
     let mut matcher = Matcher::new(config, Portable, &mut memory).unwrap();
@@ -120,14 +123,14 @@ fn direct(config: &Config, left: &GrayImage, right: &GrayImage) -> Vec<i16> {
     frame
 }
 
-/// The frame that [`grey_camera`] gives undisturbed.
+/// Returns the frame of [`grey_camera`] without faults.
 fn undisturbed() -> Vec<i16> {
     let (left, right) = colours(HEIGHT);
     let of = |image| grey(PixelFormat::Grey8, image);
     direct(&config(), &of(&left), &of(&right))
 }
 
-/// Lends memory of exactly the stated sizes to a session and runs `body` with it.
+/// Runs `body` with a session in lent memory of exactly the stated size.
 fn with_session<C: LinePairSource, S: DisparitySink, R>(
     config: &Config,
     camera: C,
@@ -137,7 +140,7 @@ fn with_session<C: LinePairSource, S: DisparitySink, R>(
     with_watched_session(config, camera, sink, NoWatchdog, body)
 }
 
-/// The same with a watchdog.
+/// Does what [`with_session`] does, for a session with a watchdog.
 fn with_watched_session<C: LinePairSource, S: DisparitySink, W: Watchdog, R>(
     config: &Config,
     camera: C,
@@ -146,13 +149,14 @@ fn with_watched_session<C: LinePairSource, S: DisparitySink, W: Watchdog, R>(
     body: impl FnOnce(Session<'_, C, Portable, S, W>) -> R,
 ) -> R {
     let mut memory = vec![0; config.memory_words()];
-    // What the lent memory held before must not matter.
+    // The initial content of the lent memory must not matter.
     let mut lines = vec![u32::MAX; memory_words(&camera.geometry())];
     let matcher = Matcher::new(config, Portable, &mut memory).unwrap();
     body(Session::with_watchdog(camera, matcher, sink, &mut lines, watchdog).unwrap())
 }
 
-/// Steps until frame `last` is done. Every whole frame must be `expected`.
+/// Steps the session until frame `last` is done, and asserts that every complete frame equals
+/// `expected`.
 fn run_until<C: LinePairSource>(
     session: &mut Session<'_, C, Portable, FrameCollector>,
     last: u32,
@@ -193,17 +197,18 @@ fn counter(statistics: &mut Statistics, kind: ErrorKind) -> &mut u32 {
     }
 }
 
-/// Adds what one fault at `line` of a frame with a whole one after it does to the counters.
+/// Adds to the counters what one fault at `line` of a frame causes, if the frame after it is
+/// complete.
 fn count_fault(statistics: &mut Statistics, line: u32, kind: FaultKind) {
     let last = HEIGHT - 1;
-    // Pairs matched before the fault shows; whether the frame is whole all the same;
-    // pairs that never reach the matcher.
+    // Pairs matched before the fault is noticed; whether the frame is complete nevertheless; pairs
+    // that never reach the matcher.
     let (matched, whole, dropped) = match kind {
         FaultKind::Error(_)
         | FaultKind::DroppedLine
         | FaultKind::LostSync
         | FaultKind::Truncated => (line, false, HEIGHT - line),
-        // The second one, and the rest of the frame.
+        // The repeated pair and the rest of the frame are dropped.
         FaultKind::DuplicatedLine => (line + 1, line == last, HEIGHT - line),
         FaultKind::DuplicatedFrame => (line + 1, line == last, (line + 1) + (last - line)),
     };
@@ -257,7 +262,7 @@ fn each_fault_at_each_place_costs_one_frame_and_no_more() {
                 };
                 assert_eq!(faults, [&told], "{kind:?} at line {line}");
 
-                // A frame of which nothing was matched was not begun at the sink either.
+                // A frame of which no pair was matched was not begun at the sink.
                 let begun = expected.lines > 2 * HEIGHT && expected.frames_dropped == 1;
                 let aborted: &[_] = if begun { &[(1, fault)] } else { &[] };
                 assert_eq!(session.sink().aborted(), aborted, "{kind:?} at line {line}");
@@ -334,7 +339,8 @@ fn a_storm_of_faults_ends_with_a_whole_frame() {
                 )
             });
             assert_eq!(statistics.lines, matched, "seed {seed}");
-            // Each pair that the camera sent is matched or dropped; repeats come on top.
+            // Each pair that the camera sent is either matched or dropped; repeated pairs are
+            // counted too.
             assert!(statistics.lines + statistics.lines_dropped >= 21 * HEIGHT);
         });
     }
@@ -374,13 +380,13 @@ fn every_layout_and_format_gives_the_matchers_own_frame() {
 fn a_session_holds_two_raw_lines() {
     for format in PixelFormat::ALL {
         let camera = camera(HEIGHT, Layout::Separate, format);
-        // Each line begins on a word.
+        // Each line starts at a word.
         let line = (usize::from(WIDTH) * format.bytes_per_pixel()).div_ceil(4);
         assert_eq!(memory_words(&camera.geometry()), 2 * line, "{format:?}");
     }
 }
 
-/// What aggregates looks at colour: the session hands it lines as the camera sends them.
+/// SGM presets compare colour: the session passes lines on as the camera sends them.
 #[test]
 fn an_aggregating_matcher_gets_the_cameras_own_lines() {
     let (left, right) = colours(HEIGHT);
@@ -390,13 +396,14 @@ fn an_aggregating_matcher_gets_the_cameras_own_lines() {
     {
         let disparities = DisparityRange::up_to(6);
         let config = Config {
-            format,
+            colour: !format.is_grey(),
             output,
             ..Config::new(Preset::Micro.parameters(), WIDTH, disparities)
         };
         let mut lines = camera(HEIGHT, Layout::Separate, format);
         let bytes = format.line_bytes(WIDTH);
         let mut pair = Pair {
+            format,
             width: WIDTH.into(),
             height: HEIGHT as usize,
             left: Vec::new(),
@@ -412,7 +419,7 @@ fn an_aggregating_matcher_gets_the_cameras_own_lines() {
             assert!(&pair.left == left.as_raw() && &pair.right == right.as_raw());
         }
         let expected = pair.stream(&config, Portable);
-        // The first columns match outside the other view.
+        // Matches of the first columns lie outside the other view.
         assert_eq!(expected.contains(&INVALID), output == Output::Sparse);
         let fault = scripted(1, HEIGHT / 2, FaultKind::LostSync);
         let camera = FaultyCamera::new(camera(HEIGHT, Layout::SideBySide, format), [fault]);
@@ -532,7 +539,7 @@ fn frames_of_one_line_are_done_at_once() {
     });
 }
 
-/// A camera that only fails, and counts how often it was asked.
+/// A camera that always fails, and counts its reads.
 struct DeadCamera {
     kind: ErrorKind,
     reads: u32,
@@ -580,7 +587,7 @@ fn a_dead_camera_ends_the_run_after_the_stated_attempts() {
     }
 }
 
-/// Counts its meals, which others may look at.
+/// A watchdog that counts how often it is fed, in a shared counter.
 struct Meals<'a>(&'a Cell<u32>);
 
 impl Watchdog for Meals<'_> {
@@ -612,7 +619,7 @@ fn the_watchdog_is_fed_once_for_each_line_matched() {
 #[test]
 fn the_watchdog_starves_while_the_camera_is_dead() {
     for kind in ERROR_KINDS {
-        // Dead from line 5 of the second frame on.
+        // The camera fails from line 5 of the second frame on.
         let lines = (1..=1 + ATTEMPT_FRAMES).flat_map(|frame| {
             let first = if frame == 1 { 5 } else { 0 };
             (first..HEIGHT).map(move |line| scripted(frame, line, FaultKind::Error(kind)))
@@ -627,7 +634,7 @@ fn the_watchdog_starves_while_the_camera_is_dead() {
     }
 }
 
-/// Where a [`StrictSink`] fails, once.
+/// Call at which a [`StrictSink`] fails, once.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum FailAt {
     Begin,
@@ -638,7 +645,7 @@ enum FailAt {
 #[derive(Debug, PartialEq)]
 struct Refused;
 
-/// Fails where it is told to and holds the session to the order of calls.
+/// A sink that fails at a given call, and asserts that the session makes its calls in order.
 struct StrictSink {
     fail_at: FailAt,
     fail_frame: u32,
@@ -729,7 +736,7 @@ fn a_failing_sink_costs_one_frame_and_no_more() {
             expected.frames_dropped = 1;
             expected.sink_errors = 1;
             assert_eq!(session.statistics(), expected, "{fail_at:?}");
-            // Not with the line at which the sink failed.
+            // The watchdog is not fed for the pair at which the sink failed.
             let fed = 2 * HEIGHT + matched.saturating_sub(1);
             assert_eq!(meals.get(), fed, "{fail_at:?}");
         });
@@ -747,7 +754,7 @@ fn the_sink_sees_calls_in_order_under_faults() {
     for kind in fault_kinds() {
         for line in 0..HEIGHT {
             let camera = FaultyCamera::new(grey_camera(), [scripted(1, line, kind)]);
-            // No frame has this number: it never fails, only checks.
+            // No frame has this number, so the sink only checks the order of the calls.
             let mut sink = StrictSink::new(u32::MAX, FailAt::Begin);
             with_session(&config(), camera, &mut sink, |mut session| {
                 while session.run_frame() != Ok(3) {}
@@ -776,13 +783,17 @@ fn what_does_not_fit_is_refused() {
     assert_eq!(refusal(&rgb(), 0), Ok(()));
     assert!(matches!(refusal(&rgb(), 1), Err(SessionError::Memory(_))));
 
-    for matcher in [PixelFormat::Grey8, PixelFormat::Rgb565, PixelFormat::Yuv422] {
-        let expected = SessionError::Format {
-            camera: PixelFormat::Rgb888,
-            matcher,
-        };
-        assert_eq!(refusal(&config_in(matcher), 0), Err(expected));
-    }
+    // If the configuration does not ask for colour, the luma is matched.
+    assert_eq!(refusal(&config_in(PixelFormat::Grey8), 0), Ok(()));
+    let grey = camera(HEIGHT, Layout::SideBySide, PixelFormat::Grey8);
+    let mut memory = vec![0; rgb().memory_words()];
+    let mut lines = vec![0; memory_words(&grey.geometry())];
+    let matcher = Matcher::new(&rgb(), Portable, &mut memory).unwrap();
+    let refused = Session::new(grey, matcher, FrameCollector::new(), &mut lines).map(|_| ());
+    let expected = SessionError::Colour {
+        camera: PixelFormat::Grey8,
+    };
+    assert_eq!(refused, Err(expected));
 
     let mut other = rgb();
     other.width = WIDTH + 1;

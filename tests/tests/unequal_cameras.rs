@@ -1,8 +1,7 @@
-//! Unequal cameras on the built-in scene: what exposure and alignment learned on the way must
-//! make up for.
+//! Unequal cameras on the built-in scene: the exposure and the alignment that are learned on the
+//! way make up for most of the difference.
 
-use vgstereo_core::config::Method;
-use vgstereo_core::preset::Preset;
+use vgstereo_core::{Method, Preset};
 use vgstereo_sim::exposure::Exposure;
 use vgstereo_sim::render::{RenderOptions, render};
 use vgstereo_sim::scene::Scene;
@@ -22,7 +21,7 @@ fn lowered(line_offset_px: f32) -> Scene {
     })
 }
 
-/// An exposure whose first lines clip.
+/// Name of the exposure whose first lines clip.
 const CLIPPING: &str = "falling gain that clips at first";
 
 #[test]
@@ -48,8 +47,8 @@ fn what_neither_clips_nor_drowns_in_noise_costs_little() {
         });
         for (preset, equal) in presets.into_iter().zip(equal) {
             let cost = mean_bad_percent(preset.parameters(), &scene) - equal;
-            // What clips is lost, and the blank wall is where the gain is largest: `lite` pays
-            // most for that.
+            // Clipped levels are lost. The gain is largest at the blank wall, for which `lite` pays
+            // most.
             let most = if (preset, name) == (Preset::Lite, CLIPPING) {
                 1.7
             } else {
@@ -60,7 +59,8 @@ fn what_neither_clips_nor_drowns_in_noise_costs_little() {
     }
 }
 
-/// The scene begins with a blank wall: what its first lines are taken for is carried far down.
+/// The scene begins with a blank wall, and an exposure learned wrongly from its first lines affects
+/// many lines below.
 #[test]
 fn a_darker_camera_does_not_upset_a_blank_wall() {
     let darker = exposed(Exposure {
@@ -72,7 +72,7 @@ fn a_darker_camera_does_not_upset_a_blank_wall() {
     assert!(cost <= 2.0, "{cost:+.2}");
 }
 
-/// Most of what an offset of the lines costs is made up for.
+/// Alignment recovers most of the accuracy that a vertical offset costs.
 #[test]
 fn lines_that_lie_too_low_or_too_high_cost_little() {
     let aligned = lowered(0.0);
@@ -81,7 +81,7 @@ fn lines_that_lie_too_low_or_too_high_cost_little() {
         for preset in [Preset::Lite, Preset::Micro, Preset::Balanced] {
             let moved = preset.parameters();
             let mut unmoved = moved;
-            if let Method::Aggregation(aggregation) = &mut unmoved.method {
+            if let Method::Sgm(aggregation) = &mut unmoved.method {
                 aggregation.line_offset_max_q4 = 0;
             }
             let aligned = bad_percent(moved, &aligned);

@@ -1,4 +1,4 @@
-//! Tells the linker of this board's memory.
+//! Tells the linker where this board's memory description is.
 
 fn main() {
     let folder = env!("CARGO_MANIFEST_DIR");
@@ -6,6 +6,6 @@ fn main() {
     println!("cargo::rerun-if-changed={folder}/memory.x");
     println!("cargo::rustc-link-arg-bins=-Tlink.x");
     println!("cargo::rustc-link-arg-bins=-Tdefmt.x");
-    // Takes no flash: a test finds the calls of panic functions by them.
+    // Relocations take no flash. A test finds calls of panic functions by them.
     println!("cargo::rustc-link-arg-bins=--emit-relocs");
 }

@@ -1,4 +1,4 @@
-//! Puts the project's memory layout of this part where the linker looks for it.
+//! Puts the memory description that the project shares for this part where the linker looks for it.
 
 fn main() {
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../../..");
@@ -6,6 +6,6 @@ fn main() {
     println!("cargo::rerun-if-changed={root}/memory.x");
     println!("cargo::rustc-link-arg-bins=-Tlink.x");
     println!("cargo::rustc-link-arg-bins=-Tdefmt.x");
-    // Takes no flash: a test finds the calls of panic functions by them.
+    // Relocations take no flash. A test finds calls of panic functions by them.
     println!("cargo::rustc-link-arg-bins=--emit-relocs");
 }

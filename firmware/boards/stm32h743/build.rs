@@ -1,4 +1,4 @@
-//! Puts the board's memory layout where the linker looks for it.
+//! Puts the board's memory description where the linker looks for it.
 
 fn main() {
     let own = env!("CARGO_MANIFEST_DIR");
@@ -6,6 +6,6 @@ fn main() {
     println!("cargo::rerun-if-changed={own}/memory.x");
     println!("cargo::rustc-link-arg-bins=-Tlink.x");
     println!("cargo::rustc-link-arg-bins=-Tdefmt.x");
-    // Takes no flash: shows what calls what.
+    // Relocations take no flash. They show which function calls which.
     println!("cargo::rustc-link-arg-bins=--emit-relocs");
 }

@@ -47,7 +47,7 @@ pub fn lint(board: &Board) -> Result<()> {
             board.target
         )
     })?;
-    let shared = ["-p", "vgstereo-chip-kernels", "-p", "vgstereo-emulated"];
+    let shared = ["-p", "vgstereo-kernels", "-p", "vgstereo-emulated"];
     for (folder, packages) in [(board_folder(board), &[][..]), (root().into(), &shared[..])] {
         let mut command = Command::new(&linter);
         // Cargo itself runs its subcommands like this.

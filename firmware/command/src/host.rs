@@ -1,12 +1,12 @@
 //! Runs of a board's requests on the host, and the comparison of the two results.
 
 use anyhow::{Context, Result, anyhow};
-use vgstereo_core::camera::LinePairSource;
-use vgstereo_core::matcher::Matcher;
+use vgstereo_core::Matcher;
 use vgstereo_emulated::Request;
+use vgstereo_firmware::camera::LinePairSource;
 use vgstereo_firmware::scripted::FaultyCamera;
 use vgstereo_firmware::{Session, Statistics, session};
-use vgstereo_sim::kernels::HostKernels;
+use vgstereo_kernels::NativeKernels;
 use vgstereo_sim::sink::{DisparityFrame, FrameCollector};
 
 use crate::pair::Pair;
@@ -47,7 +47,7 @@ pub fn run(pair: &Pair, request: &Request) -> Result<(Frames, Statistics)> {
     let camera = FaultyCamera::new(pair.camera()?, &request.faults);
     let mut memory = vec![0; config.memory_words()];
     let mut lines = vec![0; session::memory_words(&camera.geometry())];
-    let matcher = Matcher::new(&config, HostKernels::fastest(), &mut memory)?;
+    let matcher = Matcher::new(&config, NativeKernels::fastest(), &mut memory)?;
     let mut session = Session::new(camera, matcher, FrameCollector::new(), &mut lines)?;
     let mut frames = Frames::default();
     let mut whole = 0;
@@ -94,7 +94,7 @@ pub fn first_difference(board: &Frames, host: &Frames, width: u32) -> Option<Str
 #[cfg(test)]
 mod tests {
     use super::*;
-    use vgstereo_core::preset::Preset;
+    use vgstereo_core::Preset;
     use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
 
     /// An aborted frame leaves nothing behind, and the frames after it are collected.

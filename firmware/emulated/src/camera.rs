@@ -1,12 +1,12 @@
-//! A camera whose lines come from a file of the host, for ever the same frame.
+//! Camera that reads its lines from a file of the host, and repeats one frame for ever.
 
 use semihosting::fs::File;
 use semihosting::io::{Read, Seek, SeekFrom};
-use vgstereo_core::camera::{ErrorKind, ErrorType, Geometry, LinePair, LinePairSource};
+use vgstereo_firmware::camera::{ErrorKind, ErrorType, Geometry, LinePair, LinePairSource};
 use vgstereo_firmware::scripted::Rewind;
 
-/// Reads pairs of lines, each when it is asked for: no more than a pair is ever in memory.
-/// Frames are numbered from 0; lines have no time.
+/// A camera that reads each pair of lines from a file when it is asked for it, so that no more than
+/// one pair is in memory. Frames are numbered from 0; the timestamp is always 0.
 #[derive(Debug)]
 pub struct FileCamera {
     lines: File,
@@ -16,7 +16,7 @@ pub struct FileCamera {
 }
 
 impl FileCamera {
-    /// A camera that sends what is in [`LINES_FILE`](crate::LINES_FILE).
+    /// Creates a camera over an open [`LINES_FILE`](crate::LINES_FILE).
     #[must_use]
     pub fn new(lines: File, geometry: Geometry) -> Self {
         Self {
@@ -28,7 +28,7 @@ impl FileCamera {
     }
 
     fn read(&mut self, mut line: &mut [u8]) -> Result<(), ErrorKind> {
-        // Each read brings at least a byte or is the last one.
+        // Each read returns at least one byte, or 0 at the end of the file.
         while !line.is_empty() {
             let bytes = self.lines.read(line).map_err(|_| ErrorKind::Bus)?;
             if bytes == 0 {
@@ -49,7 +49,7 @@ impl LinePairSource for FileCamera {
         self.geometry
     }
 
-    // Not inlined: what semihosting asserts is then not taken for the pipeline's.
+    // Not inlined, so that the assertions of semihosting are not counted as the pipeline's.
     #[inline(never)]
     fn read_pair(&mut self, left: &mut [u8], right: &mut [u8]) -> Result<LinePair, ErrorKind> {
         let line_bytes = self.geometry.line_bytes();

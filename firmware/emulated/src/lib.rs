@@ -1,11 +1,10 @@
-//! What the emulated boards share: a session between files of the host.
+//! Code shared by the emulated boards: a session between files of the host.
 //!
-//! A board brings a counter of instructions, memory to lend and the bounds of its stack;
-//! `run` does the rest: it reads a [`Request`] from the command line, matches the frames
-//! of a camera whose lines come from a file, one pair at a time, writes the disparities
-//! to another, logs each frame with defmt on standard output, and leaves a [`Report`]. The
-//! host's side writes the one and reads the others. Only built for a chip: `camera`, `run`,
-//! `sink` and `stack`.
+//! A board supplies a counter of instructions, memory to lend and the bounds of its stack. `run`
+//! does the rest: it parses a [`Request`] from the command line, matches frames whose lines are
+//! read from a file pair by pair, writes the disparities and confidences to files, logs each frame
+//! with defmt on standard output, and writes a [`Report`]. The host writes the file of lines and
+//! reads the others. `camera`, `run`, `sink` and `stack` are built for chips only.
 #![no_std]
 
 #[cfg(test)]
@@ -29,12 +28,12 @@ pub mod stack;
 pub use report::Report;
 pub use request::Request;
 
-/// File that the camera reads: of each line, the left view's bytes, then the right's.
+/// File of the camera's lines: for each line, the bytes of the left view, then those of the right.
 pub const LINES_FILE: &CStr = c"lines.raw";
-/// File of disparities: whole frames one after another, row-major, 1/16 px, two bytes
-/// each, little-endian, as the sink is given them.
+/// File of disparities, written by the sink: whole frames one after another, row by row, 1/16 px,
+/// each in two bytes, little-endian.
 pub const DISPARITIES_FILE: &CStr = c"disparities.raw";
-/// File of their confidences, one byte each.
+/// File of confidences in the order of the disparities, one byte each.
 pub const CONFIDENCES_FILE: &CStr = c"confidences.raw";
-/// File of the [`Report`], or of one line that begins with `error`.
+/// File of the [`Report`], or of a single line that begins with `error`.
 pub const REPORT_FILE: &CStr = c"report.txt";

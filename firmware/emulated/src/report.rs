@@ -1,4 +1,4 @@
-//! What a board tells of its run.
+//! Report of a board's run.
 
 use core::fmt;
 use core::str::FromStr;
@@ -7,21 +7,21 @@ use vgstereo_firmware::Statistics;
 
 use crate::meter::{PerStage, Stage};
 
-/// The session's counters and the run's cost.
+/// Counters of the session, and costs of the run.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Report {
-    /// What the session saw.
+    /// Counters of the session.
     pub statistics: Statistics,
-    /// Instructions of each stage; without meaning unless the emulator counts them.
+    /// Instructions of each stage; meaningless unless the emulator counts instructions.
     pub instructions: PerStage<u64>,
-    /// Bytes of the lent memory that matcher and session took.
+    /// Bytes of the lent memory that matcher and session use.
     pub working_bytes: u32,
-    /// Most bytes of stack in use at a time.
+    /// Largest number of bytes of stack in use at any time.
     pub stack_bytes: u32,
 }
 
 impl Report {
-    /// The session's counters by name.
+    /// Returns the session's counters with their names.
     pub fn counters(&self) -> impl Iterator<Item = (&'static str, u32)> {
         let mut statistics = self.statistics;
         COUNTERS
@@ -32,7 +32,7 @@ impl Report {
 
 type Counter = fn(&mut Statistics) -> &mut u32;
 
-/// The counters by name.
+/// Names of the session's counters, and access to each.
 const COUNTERS: [(&str, Counter); 13] = [
     ("frames", |s| &mut s.frames),
     ("frames_dropped", |s| &mut s.frames_dropped),
@@ -52,7 +52,7 @@ const COUNTERS: [(&str, Counter); 13] = [
 const WORKING_BYTES: &str = "working_bytes";
 const STACK_BYTES: &str = "stack_bytes";
 
-/// A line `NAME VALUE` of each number.
+/// Writes one line `NAME VALUE` per number.
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (name, count) in self.counters() {
@@ -66,7 +66,7 @@ impl fmt::Display for Report {
     }
 }
 
-/// A text is not a report.
+/// Error of parsing a text that is not a complete report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NotAReport;
 

@@ -1,46 +1,44 @@
-//! What a board is asked to do, as words on its command line.
+//! Request to a board, as words on its command line.
 
 use core::fmt;
 use core::str::FromStr;
 
 use heapless::Vec;
-use vgstereo_core::camera::{Geometry, PixelFormat};
-use vgstereo_core::config::{Config, Method};
-use vgstereo_core::disparity::DisparityRange;
-use vgstereo_core::preset::Preset;
+use vgstereo_core::{Config, DisparityRange, Method, Preset};
+use vgstereo_firmware::camera::{Geometry, PixelFormat};
 use vgstereo_firmware::scripted::ScriptedFault;
 use vgstereo_firmware::session;
 
-/// Cells of the patterns where Hamming distances alone are asked for.
+/// Number of cells of the patterns if [`Request::hamming_alone`] is set.
 pub const HAMMING_CELLS: u8 = 64;
 
-/// Most faults of a script.
+/// Largest number of faults in a script.
 pub const MAX_FAULTS: usize = 32;
 
-/// Frames to match and how.
+/// The frames to match, and how to match them.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Request {
-    /// The preset.
+    /// Preset of the matcher.
     pub preset: Preset,
-    /// Whether its costs are instead the plain Hamming distances of patterns of
-    /// [`HAMMING_CELLS`]: without masks, weights and levels. For presets that aggregate.
+    /// Whether the matching costs are the plain Hamming distances of patterns of [`HAMMING_CELLS`]
+    /// cells instead, without masks, weights and levels. Applies to SGM presets only.
     pub hamming_alone: bool,
-    /// Of the camera.
+    /// Size and pixel format of the camera's lines.
     pub geometry: Geometry,
-    /// Disparities to search.
+    /// Range of disparities to search.
     pub disparities: DisparityRange,
-    /// Whole frames to deliver.
+    /// Number of whole frames to deliver.
     pub frames: u32,
-    /// What goes wrong on the way.
+    /// Faults that the camera simulates.
     pub faults: Vec<ScriptedFault, MAX_FAULTS>,
 }
 
 impl Request {
-    /// What the matcher is built from.
+    /// Configuration of the matcher.
     #[must_use]
     pub fn config(&self) -> Config {
         let mut parameters = self.preset.parameters();
-        if let Method::Aggregation(method) = &mut parameters.method
+        if let Method::Sgm(method) = &mut parameters.method
             && self.hamming_alone
         {
             parameters.synapses = HAMMING_CELLS.into();
@@ -50,7 +48,7 @@ impl Request {
             method.difference_weight_q4 = 0;
         }
         Config {
-            format: self.geometry.format,
+            colour: !self.geometry.format.is_grey(),
             ..Config::new(parameters, self.geometry.width, self.disparities)
         }
     }
@@ -63,7 +61,7 @@ impl Request {
     }
 }
 
-/// `KEY=VALUE` words, read back by [`FromStr`] in any order.
+/// Writes words `KEY=VALUE`, which [`FromStr`] accepts in any order.
 impl fmt::Display for Request {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Geometry {
@@ -85,7 +83,7 @@ impl fmt::Display for Request {
     }
 }
 
-/// A command line is not a request.
+/// Error of parsing a command line that is not a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NotARequest;
 
@@ -148,7 +146,7 @@ const fn pixels_name(format: PixelFormat) -> &'static str {
         PixelFormat::Rgb888 => "rgb888",
         PixelFormat::Rgb565 => "rgb565",
         PixelFormat::Yuv422 => "yuv422",
-        // A format without a name is not asked for.
+        // No request can name a format that is added later.
         _ => "",
     }
 }
@@ -158,7 +156,7 @@ mod tests {
     use super::*;
     use std::format;
     use std::string::ToString;
-    use vgstereo_core::camera::ErrorKind;
+    use vgstereo_firmware::camera::ErrorKind;
     use vgstereo_firmware::scripted::FaultKind;
 
     #[test]

@@ -1,4 +1,4 @@
-//! The run: request, camera, session, sink, report.
+//! Run of a board: parses the request, matches its frames and writes the report.
 
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
@@ -7,8 +7,7 @@ use defmt_semihosting as _;
 use semihosting::fs::File;
 use semihosting::process;
 use semihosting::sys::arm_compat::sys_get_cmdline_uninit;
-use vgstereo_core::kernel::Kernels;
-use vgstereo_core::matcher::Matcher;
+use vgstereo_core::{Kernels, Matcher};
 use vgstereo_firmware::scripted::FaultyCamera;
 use vgstereo_firmware::session::{self, ATTEMPT_FRAMES};
 use vgstereo_firmware::{Event, Session, Statistics};
@@ -21,10 +20,11 @@ use crate::sink::{self, FileSink};
 use crate::stack::Stack;
 use crate::{CONFIDENCES_FILE, DISPARITIES_FILE, LINES_FILE, REPORT_FILE};
 
-/// Longest command line.
+/// Largest length of the command line, bytes.
 const COMMAND_LINE_BYTES: usize = 1024;
 
-/// Does what the command line asks for, in lent memory, and ends the emulation.
+/// Serves the request on the command line, with `memory` for session and matcher, writes the
+/// report, and ends the emulation.
 pub fn run<C: Counter>(
     counter: C,
     kernels: impl Kernels,
@@ -49,7 +49,7 @@ pub fn run<C: Counter>(
     process::exit(written.is_err().into())
 }
 
-/// Why a request is not served.
+/// Reason for which a request is not served.
 struct Refusal(&'static str);
 
 fn serve<C: Counter>(
@@ -101,8 +101,8 @@ fn serve<C: Counter>(
     })
 }
 
-/// Number by number: the logger asserts, and what formats the whole would be taken for the
-/// pipeline's.
+/// Logs each number by itself: the logger asserts, and formatting the whole statistics would be
+/// counted among the pipeline's assertions.
 fn log_frame(frame: u32, statistics: Statistics) {
     defmt::info!(
         "frame {=u32}: {=u32} lines so far, {=u32} dropped; {=u32} frames dropped",
@@ -122,7 +122,7 @@ fn read_request() -> Option<Request> {
     words.parse().ok()
 }
 
-/// A file as text.
+/// A file to which formatted text can be written.
 struct Text(File);
 
 impl Write for Text {

@@ -1,21 +1,21 @@
-//! A sink that writes whole frames to files of the host.
+//! Sink that writes whole frames to files of the host.
 
 use semihosting::fs::File;
 use semihosting::io::{Error, ErrorKind, Seek, SeekFrom, Write};
-use vgstereo_core::matcher::DisparityLine;
+use vgstereo_core::DisparityLine;
 use vgstereo_firmware::{DisparitySink, Fault, FrameInfo};
 
-/// Writes lines as they come; a frame that is aborted is written over by the next.
+/// A sink that writes each line at once. The next frame overwrites an aborted one.
 #[derive(Debug)]
 pub struct FileSink {
     disparities: File,
     confidences: File,
-    /// Pixels of the whole frames.
+    /// Number of pixels of the frames completed so far.
     pixels: u64,
 }
 
 impl FileSink {
-    /// A sink that fills empty files: see [`DISPARITIES_FILE`](crate::DISPARITIES_FILE) and
+    /// Creates a sink over two empty files, [`DISPARITIES_FILE`](crate::DISPARITIES_FILE) and
     /// [`CONFIDENCES_FILE`](crate::CONFIDENCES_FILE).
     #[must_use]
     pub fn new(disparities: File, confidences: File) -> Self {
@@ -27,13 +27,13 @@ impl FileSink {
     }
 }
 
-/// Every target is little-endian, so that a line's bytes are as they stand in memory.
+/// Disparities are written as they are in memory, which every target makes little-endian.
 const _: () = assert!(cfg!(target_endian = "little"));
 
 impl DisparitySink for FileSink {
     type Error = Error;
 
-    // Not inlined: what semihosting asserts is then not taken for the pipeline's.
+    // Not inlined, so that the assertions of semihosting are not counted as the pipeline's.
     #[inline(never)]
     fn begin_frame(&mut self, _: &FrameInfo) -> Result<(), Error> {
         let start = self.pixels;
@@ -62,7 +62,7 @@ impl DisparitySink for FileSink {
 /// Writes all of `bytes`.
 ///
 /// # Errors
-/// What the host says; [`ErrorKind::WriteZero`] when it takes no more.
+/// The error that the host reports, or [`ErrorKind::WriteZero`] if it writes no more bytes.
 pub fn write(file: &mut File, mut bytes: &[u8]) -> Result<(), Error> {
     while !bytes.is_empty() {
         let written = file.write(bytes)?;

@@ -1,9 +1,11 @@
-//! The worst stack, by painting: what is written over was in use.
+//! Measurement of the largest stack use: the free stack is painted, and what has lost its paint was
+//! in use.
 
-/// What is not in use is painted with.
+/// Pattern with which the free stack is painted.
 const PAINT: u32 = 0xa5a5_5a5a;
 
-/// Bytes below the painting function's caller that are left alone: its own frame.
+/// Bytes below a local variable of the painting function that are left unpainted, because its own
+/// frame may extend there.
 const OWN_BYTES: usize = 256;
 
 /// A stack that grows down from `top` to `bottom`.
@@ -14,29 +16,29 @@ pub struct Stack {
 }
 
 impl Stack {
-    /// Paints what is free of the stack.
+    /// Paints the free part of the stack.
     ///
     /// # Safety
-    /// From `bottom`, aligned to 4 bytes, to `top` is the stack that the caller runs on,
-    /// nothing else lives there, and no interrupt uses it meanwhile.
+    /// The memory from `bottom`, aligned to 4 bytes, to `top` is the stack on which the caller
+    /// runs. Nothing else is stored there, and no interrupt uses it during the call.
     #[must_use]
     pub unsafe fn paint(bottom: *mut u32, top: *mut u32) -> Self {
         let here = 0_u32;
         let end = (&raw const here).addr().saturating_sub(OWN_BYTES);
         let mut at = bottom;
         while at.addr() < end {
-            // SAFETY: between the bottom and what is in use, as the caller promises.
+            // SAFETY: the address is between the bottom and the used part of the stack.
             unsafe { at.write_volatile(PAINT) };
             at = at.wrapping_add(1);
         }
         Self { bottom, top }
     }
 
-    /// Most bytes in use at a time since it was painted.
+    /// Largest number of bytes in use at any time since the stack was painted.
     #[must_use]
     pub fn worst_bytes(&self) -> usize {
         let mut at = self.bottom;
-        // SAFETY: within the stack, as whoever painted it promised.
+        // SAFETY: the address is within the stack, as the caller of `paint` promised.
         while at < self.top && unsafe { at.read_volatile() } == PAINT {
             at = at.wrapping_add(1);
         }

@@ -2,8 +2,8 @@
 
 use core::fmt;
 
-use vgstereo_core::camera::PixelFormat;
-use vgstereo_core::memory::OutOfMemory;
+use crate::camera::PixelFormat;
+use vgstereo_core::rows::OutOfMemory;
 
 use crate::fault::Fault;
 
@@ -19,12 +19,10 @@ pub enum SessionError {
         /// Width of the lines that the matcher is configured for, in pixels.
         matcher_px: u16,
     },
-    /// The camera's lines and the matcher's differ in how a pixel is stored.
-    Format {
+    /// The matcher is configured for colour, which the camera's lines do not have.
+    Colour {
         /// Pixel format of the camera's lines.
         camera: PixelFormat,
-        /// Pixel format of the lines that the matcher is configured for.
-        matcher: PixelFormat,
     },
     /// The camera's frames end above the first line of the matcher's region.
     Height {
@@ -47,9 +45,9 @@ impl fmt::Display for SessionError {
                 f,
                 "the camera's lines have {camera_px} px, the matcher's {matcher_px} px"
             ),
-            Self::Format { camera, matcher } => write!(
+            Self::Colour { camera } => write!(
                 f,
-                "the camera's pixels are {camera:?}, the matcher's {matcher:?}"
+                "the camera's pixels are {camera:?}, but the matcher is configured for colour"
             ),
             Self::Height {
                 camera_lines,
@@ -111,7 +109,6 @@ mod tests {
 
     #[test]
     fn a_refusal_says_what_does_not_fit() {
-        let (camera, matcher) = (PixelFormat::Rgb565, PixelFormat::Grey8);
         for (error, parts) in [
             (
                 SessionError::Width {
@@ -121,8 +118,10 @@ mod tests {
                 ["320 px", "640 px"],
             ),
             (
-                SessionError::Format { camera, matcher },
-                ["Rgb565", "Grey8"],
+                SessionError::Colour {
+                    camera: PixelFormat::Grey8,
+                },
+                ["Grey8", "colour"],
             ),
             (
                 SessionError::Height {

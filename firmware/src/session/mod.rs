@@ -15,11 +15,9 @@ pub use error::{RunError, SessionError};
 pub use event::Event;
 pub use statistics::Statistics;
 
-use vgstereo_core::camera::{Error, Geometry, LinePair, LinePairSource};
-use vgstereo_core::config::Region;
-use vgstereo_core::kernel::Kernels;
-use vgstereo_core::matcher::Matcher;
-use vgstereo_core::memory::{Arena, words};
+use crate::camera::{Error, Geometry, LinePair, LinePairSource, RawLine};
+use vgstereo_core::rows::{Arena, words};
+use vgstereo_core::{Kernels, Matcher, Region};
 
 use crate::fault::Fault;
 use crate::sink::{DisparitySink, FrameInfo};
@@ -98,10 +96,9 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
                 matcher_px: config.width,
             });
         }
-        if geometry.format != config.format {
-            return Err(SessionError::Format {
+        if config.colour && geometry.format.is_grey() {
+            return Err(SessionError::Colour {
                 camera: geometry.format,
-                matcher: config.format,
             });
         }
         let region = config.region;
@@ -252,7 +249,10 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
     /// with its last.
     fn match_pair(&mut self, pair: &LinePair) -> Result<Event, S::Error> {
         let &LinePair { frame, line, .. } = pair;
-        let given = match self.matcher.push(self.left, self.right) {
+        let (format, kernels) = (self.geometry.format, self.matcher.kernels());
+        let [left, right] =
+            [&*self.left, &*self.right].map(|bytes| RawLine::new(format, bytes, kernels));
+        let given = match self.matcher.push(&left, &right) {
             Ok(Some(disparities)) => self.sink.line(frame, &disparities),
             Ok(None) => Ok(()),
             Err(error) => return Ok(self.fail(Fault::Matcher(error))),
@@ -304,15 +304,11 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::{ErrorKind, ErrorType, PixelFormat};
     use std::cell::Cell;
     use std::vec;
     use std::vec::Vec;
-    use vgstereo_core::camera::{ErrorKind, ErrorType, PixelFormat};
-    use vgstereo_core::config::Config;
-    use vgstereo_core::disparity::DisparityRange;
-    use vgstereo_core::kernel::Portable;
-    use vgstereo_core::matcher::DisparityLine;
-    use vgstereo_core::preset::Preset;
+    use vgstereo_core::{Config, DisparityLine, DisparityRange, Portable, Preset};
 
     const GEOMETRY: Geometry = Geometry {
         width: 12,
@@ -320,7 +316,7 @@ mod tests {
         format: PixelFormat::Grey8,
     };
 
-    /// Reports what it was given and then, for ever, that nothing comes.
+    /// Delivers the reads that it was given and then, for ever, reports that nothing comes.
     struct Camera {
         reads: vec::IntoIter<Result<LinePair, ErrorKind>>,
     }
@@ -634,10 +630,11 @@ mod tests {
             Some(SessionError::Memory(_))
         ));
         let mut other = config();
-        other.format = PixelFormat::Rgb565;
-        let (camera, matcher) = (GEOMETRY.format, other.format);
-        let format = SessionError::Format { camera, matcher };
-        assert_eq!(refusal(&other, words), Some(format));
+        other.colour = true;
+        let colour = SessionError::Colour {
+            camera: GEOMETRY.format,
+        };
+        assert_eq!(refusal(&other, words), Some(colour));
         let mut other = config();
         other.width = 13;
         let width = SessionError::Width {

@@ -1,6 +1,6 @@
 //! Statistics: what a session has counted.
 
-use vgstereo_core::camera::ErrorKind;
+use crate::camera::ErrorKind;
 
 use super::sync::Changes;
 
@@ -23,7 +23,7 @@ pub struct Statistics {
     /// dropped later.
     pub lines: u32,
     /// Number of pairs of lines that the camera lost
-    /// ([`LinePair::dropped`](vgstereo_core::camera::LinePair::dropped)) or that were
+    /// ([`LinePair::dropped`](crate::camera::LinePair::dropped)) or that were
     /// delivered and left out.
     pub lines_dropped: u32,
     /// Number of times that the camera delivered another pair of lines than the expected

@@ -59,14 +59,15 @@ impl Changes {
 /// What the session waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
-    /// Line 0 of any frame that is not past. Other pairs are left out and are no fault.
+    /// Line 0 of any frame but the one done or dropped last. Other pairs are left out without
+    /// a fault.
     Searching,
     /// Line 0 of the frame after the one that ended last.
     Between,
-    /// The answer whether `frame`, whose line 0 was delivered, has begun.
+    /// The report whether `frame`, whose line 0 was delivered, has begun.
     Beginning { frame: u32 },
-    /// Line `next_line` of `frame`, or, if that is the height, the answer whether the frame
-    /// has ended.
+    /// Line `next_line` of `frame`; if that is the height, the report whether the frame has
+    /// ended.
     Reading { frame: u32, next_line: u32 },
 }
 
@@ -86,21 +87,23 @@ impl NextFrame {
     fn go_to(&mut self, frame: u32) -> u32 {
         let missed = self.0.map_or(0, |next| frame.wrapping_sub(next));
         self.0 = Some(frame);
-        // Numbers wrap: what is nearer behind than ahead goes back.
+        // Numbers wrap: one that is nearer behind than ahead has gone back.
         if missed <= u32::MAX / 2 { missed } else { 0 }
     }
 }
 
-/// Tells for each pair of lines what is to be done with it.
+/// Decides for each pair of lines what is to be done with it.
 ///
-/// Tell it of every pair with [`pair`](Self::pair) and do as it says, then tell it what came
-/// of that: [`begun`](Self::begun) when a frame has begun, [`ended`](Self::ended) when a
-/// [whole](Self::is_whole) frame has ended, and [`failed`](Self::failed) when any of it
-/// failed or the camera reported an error. A begin without an answer counts as failed. The
-/// other calls change nothing when they come out of turn.
+/// Give it the numbers of every pair with [`pair`](Self::pair), do what that returns, and
+/// report what came of it: [`begun`](Self::begun) when a frame has begun,
+/// [`ended`](Self::ended) when a [whole](Self::is_whole) frame has ended, and
+/// [`failed`](Self::failed) when one of these or the matching failed. `failed` also reports
+/// an error of the camera. A begin that is not reported counts as failed; `begun` and `ended`
+/// change nothing when no frame is to begin or to end.
 ///
-/// Frame numbers wrap from `u32::MAX` to 0. A number up to 2^31 ahead of the one before it
-/// tells of missed frames in between; any other tells that the camera counts anew.
+/// Frame numbers wrap from `u32::MAX` to 0. When a number is up to 2^31 ahead of the one
+/// before it, the frames in between were missed; any other jump is taken for a camera that
+/// counts anew.
 ///
 /// ```
 /// use vgstereo_firmware::session::sync::{Action, FrameSync};
@@ -121,6 +124,7 @@ impl NextFrame {
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FrameSync {
+    /// Number of lines of a frame.
     height: u32,
     state: State,
     next_frame: NextFrame,
@@ -192,8 +196,8 @@ impl FrameSync {
         (action, changes)
     }
 
-    /// Takes the answer that the frame of [`Action::Begin`] or [`Action::Resync`] has begun:
-    /// its line 0 is matched. Returns what that changes.
+    /// Takes the report that the frame of [`Action::Begin`] or [`Action::Resync`] has begun,
+    /// so that its line 0 is matched. Returns what that changes.
     #[must_use]
     pub fn begun(&mut self) -> Changes {
         let State::Beginning { frame } = self.state else {
@@ -215,7 +219,7 @@ impl FrameSync {
         matches!(self.state, State::Reading { next_line, .. } if next_line >= self.height)
     }
 
-    /// Takes the answer that the whole frame has ended. Returns what that changes.
+    /// Takes the report that the whole frame has ended. Returns what that changes.
     #[must_use]
     pub fn ended(&mut self) -> Changes {
         match self.state {
@@ -231,7 +235,7 @@ impl FrameSync {
         }
     }
 
-    /// Takes the news that the camera, the matcher or the sink failed. Returns the number of
+    /// Takes the report that the camera, the matcher or the sink failed. Returns the number of
     /// the frame to abort, if one is being read, and what that changes.
     #[must_use]
     pub fn failed(&mut self) -> (Option<u32>, Changes) {
@@ -249,7 +253,8 @@ impl FrameSync {
         }
     }
 
-    /// Counts `frame` as dropped, and those missed before it.
+    /// Moves on past `frame`, which is dropped. Returns the counts of it and of the frames
+    /// missed before it.
     fn drop_frame(&mut self, frame: u32) -> Changes {
         let missed = self.next_frame.go_to(frame);
         self.next_frame = NextFrame(Some(frame.wrapping_add(1)));

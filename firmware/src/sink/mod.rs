@@ -1,59 +1,59 @@
-//! Sinks: where lines of disparities go.
+//! Sinks: receivers of the lines of disparities.
 
 #[cfg(feature = "serial")]
 pub mod serial;
 
-use vgstereo_core::config::Region;
-use vgstereo_core::matcher::DisparityLine;
+use vgstereo_core::{DisparityLine, Region};
 
 use crate::fault::Fault;
 
-/// A frame of disparities, as a sink is told of it.
+/// Description of a frame of disparities.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FrameInfo {
-    /// The camera's number of the frame.
+    /// Number of the frame, as the camera counts.
     pub frame: u32,
-    /// The camera's timestamp of line 0.
+    /// The camera's timestamp of line 0, µs.
     pub timestamp_us: u64,
-    /// The part of the reference view that has disparities: `height` lines of `width`
-    /// columns come. It ends with the frame.
+    /// Part of the reference view that has disparities: `height` lines of `width` columns. It lies
+    /// within the frame.
     pub region: Region,
 }
 
-/// Takes frames of disparities, line by line.
+/// A receiver of frames of disparities, line by line.
 ///
-/// Calls come in this order: `begin_frame`; then `line` for each line of the region, from
-/// the top; then `end_frame`. Every frame begun without error sees exactly one of
-/// `end_frame` without error and `abort_frame`, and does so before the next one begins.
-/// After an error the sink is called again, from the next frame's `begin_frame` on.
+/// The calls come in this order: `begin_frame`; then `line` for each line of the region, from the
+/// top; then `end_frame`. For every frame that was begun without error, there is exactly one
+/// successful `end_frame` or one `abort_frame`, before the next frame begins. After an error, the
+/// sink is called again from the next frame's `begin_frame` on.
 ///
-/// Calls come from within the time of a line: a sink that waits makes the camera lose
-/// lines.
+/// The calls are made within the time that the session has for a line: a sink that waits makes the
+/// camera lose lines.
 pub trait DisparitySink {
-    /// What taking a line may fail with.
+    /// Error of the sink.
     type Error;
 
-    /// A frame begins.
+    /// Begins a frame.
     ///
     /// # Errors
-    /// The sink cannot take the frame; it counts as not begun.
+    /// The sink cannot take the frame, which then counts as not begun.
     fn begin_frame(&mut self, info: &FrameInfo) -> Result<(), Self::Error>;
 
-    /// The next line of frame `frame`; [`INVALID`](vgstereo_core::disparity::INVALID) marks what is not known.
+    /// Takes the next line of frame `frame`. [`INVALID`](vgstereo_core::disparity::INVALID) marks
+    /// pixels without a disparity.
     ///
     /// # Errors
     /// The sink cannot take the line; the frame is then aborted.
     fn line(&mut self, frame: u32, line: &DisparityLine<'_>) -> Result<(), Self::Error>;
 
-    /// All lines of the frame were given; `info` is that of `begin_frame`.
+    /// Ends the frame after its last line; `info` is that of `begin_frame`.
     ///
     /// # Errors
     /// The sink cannot end the frame; the frame is then aborted.
     fn end_frame(&mut self, info: &FrameInfo) -> Result<(), Self::Error>;
 
-    /// The frame begun last ends here, incomplete, because of `fault`. It cannot fail: a
-    /// sink that cannot pass this on lets its receiver see a frame without an end.
+    /// Ends the frame begun last before it is complete, because of `fault`. It cannot fail: if a
+    /// sink cannot pass this on, its receiver sees a frame without an end.
     fn abort_frame(&mut self, frame: u32, fault: Fault);
 }
 

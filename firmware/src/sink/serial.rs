@@ -1,81 +1,82 @@
-//! A sink over a serial port, or anything else that takes bytes.
+//! Sink over a serial port, or any other writer of bytes.
 //!
-//! Each call of the sink is a [`Packet`]: [postcard](https://docs.rs/postcard) makes its
-//! bytes and COBS encodes them, so that they have no zero, and a zero ends them. Whoever
-//! listens in the middle, or misses a byte, goes on after the next zero. A frame begins
-//! with a zero too, as what was sent before may have been cut short.
+//! Each call of the sink sends a [`Packet`], serialised with [postcard](https://docs.rs/postcard)
+//! and encoded with COBS, so that it has no zero byte until the one that ends it. A receiver that
+//! starts in the middle or misses a byte resumes after the next zero. A frame also begins with a
+//! zero, because the packet before it may have been cut short.
 
 use embedded_io::Write;
 use serde::{Deserialize, Serialize};
-use vgstereo_core::matcher::DisparityLine;
+use vgstereo_core::DisparityLine;
 
 use super::{DisparitySink, FrameInfo};
 use crate::fault::Fault;
 
-/// What is sent.
+/// A message to the receiver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Packet<'a> {
-    /// A frame begins; its lines follow from the top.
+    /// A frame begins; its lines follow, from the top.
     FrameBegun {
-        /// The camera's number of the frame.
+        /// Number of the frame, as the camera counts.
         frame: u32,
-        /// The camera's timestamp of line 0.
+        /// The camera's timestamp of line 0, µs.
         timestamp_us: u64,
-        /// First column, px.
+        /// First column of the region, px.
         x: u16,
-        /// First line.
+        /// First line of the region.
         y: u32,
-        /// Columns.
+        /// Number of columns.
         width: u16,
-        /// Lines.
+        /// Number of lines.
         height: u32,
     },
-    /// The next line.
+    /// One line of disparities.
     Line {
-        /// The frame.
+        /// Number of the frame.
         frame: u32,
-        /// The line of the frame, from 0.
+        /// Number of the line in the frame, from 0.
         line: u32,
-        /// Disparities, 1/16 px, two bytes each, little-endian;
-        /// [`INVALID`](vgstereo_core::disparity::INVALID) where none is known.
+        /// Disparities, 1/16 px, each in two bytes, little-endian;
+        /// [`INVALID`](vgstereo_core::disparity::INVALID) for pixels without one.
         disparities: &'a [u8],
     },
-    /// All lines of the frame have come.
+    /// The frame is complete.
     FrameDone {
-        /// The frame.
+        /// Number of the frame.
         frame: u32,
     },
     /// The frame ends here, incomplete.
     FrameAborted {
-        /// The frame.
+        /// Number of the frame.
         frame: u32,
     },
 }
 
-/// Bytes of the longest packet of frames of `width` columns, as it is sent.
+/// Largest number of bytes that a packet takes on the wire, for frames of `width` columns.
 #[must_use]
 pub const fn packet_bytes(width: u16) -> usize {
-    // The kind; at most 5, 10, 3, 5, 3 and 5 bytes for the numbers of a frame's begin, which
-    // are more than the 5, 5 and 3 of a line's numbers and length.
+    // One byte for the kind. The numbers of `FrameBegun` take at most 5, 10, 3, 5, 3 and 5 bytes,
+    // which is more than the 5, 5 and 3 of the numbers and the length of `Line`.
     let bytes = 1 + 31 + 2 * width as usize;
-    // A byte ahead of each run of 254, and the zero.
+    // COBS adds a byte per 254 bytes or part thereof, and the zero.
     bytes + bytes.div_ceil(254) + 1
 }
 
-/// Every target is little-endian, so that a line's bytes are as they stand in memory.
+/// Disparities are sent as they are in memory, which every target makes little-endian.
 const _: () = assert!(cfg!(target_endian = "little"));
 
-/// Why something was not sent.
+/// Error of sending a packet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SerialError<E> {
     /// The lent memory is smaller than [`packet_bytes`].
     Memory,
-    /// The port does not take bytes.
+    /// Error of the port.
     Port(E),
 }
 
-/// Sends packets. It waits while the port does; confidences are not sent.
+/// A sink that sends each call as a [`Packet`]. It waits until the port has taken the bytes.
+/// Confidences are not sent.
 #[derive(Debug)]
 pub struct SerialSink<'m, W> {
     port: W,
@@ -83,7 +84,8 @@ pub struct SerialSink<'m, W> {
 }
 
 impl<'m, W: Write> SerialSink<'m, W> {
-    /// A sink that sends over `port`, with memory for a packet, of [`packet_bytes`].
+    /// Creates a sink that writes to `port`. `packet` is memory for one packet, of
+    /// [`packet_bytes`].
     #[must_use]
     pub fn new(port: W, packet: &'m mut [u8]) -> Self {
         Self { port, packet }
@@ -124,7 +126,7 @@ impl<W: Write> DisparitySink for SerialSink<'_, W> {
     }
 
     fn abort_frame(&mut self, frame: u32, _: Fault) {
-        // If this is not sent, the receiver sees a frame without an end.
+        // If sending fails, the receiver sees a frame without an end.
         let _ = self.send(&Packet::FrameAborted { frame });
     }
 }
@@ -134,8 +136,7 @@ mod tests {
     use super::*;
     use std::vec;
     use std::vec::Vec;
-    use vgstereo_core::config::Region;
-    use vgstereo_core::disparity::INVALID;
+    use vgstereo_core::{INVALID, Region};
 
     const INFO: FrameInfo = FrameInfo {
         frame: u32::MAX,
@@ -157,7 +158,7 @@ mod tests {
         }
     }
 
-    /// A sink after a frame with one line.
+    /// Returns the bytes sent for a frame of one line, followed by an abort of that frame.
     fn sent(packet: &mut [u8], disparities_q4: &[i16]) -> Vec<u8> {
         let mut sink = SerialSink::new(Vec::new(), packet);
         sink.begin_frame(&INFO).unwrap();

@@ -4,8 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use vgstereo_core::config::{Aggregation, Method, Output, Parameters};
-use vgstereo_core::preset::Preset;
+use vgstereo_core::{Method, Output, Parameters, Preset, SgmParameters};
 
 use crate::arguments::parse_preset;
 use crate::dataset::find_scenes;
@@ -36,7 +35,7 @@ pub struct Ablate {
 }
 
 /// The name of a stage, and a function that leaves it out and returns whether it was there.
-type Removal = (&'static str, fn(&mut Aggregation) -> bool);
+type Removal = (&'static str, fn(&mut SgmParameters) -> bool);
 
 /// The stages in the order in which data pass them.
 const REMOVALS: [Removal; 12] = [
@@ -78,14 +77,14 @@ impl Ablate {
     pub fn run(self) -> Result<String> {
         ensure!(self.threshold > 0.0, "--threshold must be above 0");
         let parameters = self.preset.parameters();
-        let Method::Aggregation(whole) = parameters.method else {
+        let Method::Sgm(whole) = parameters.method else {
             anyhow::bail!("--preset {}: it has no stages to leave out", self.preset);
         };
         let mut variants = vec![("nothing", parameters)];
         for (name, remove) in REMOVALS {
             let mut aggregation = whole;
             if remove(&mut aggregation) {
-                let method = Method::Aggregation(aggregation);
+                let method = Method::Sgm(aggregation);
                 variants.push((
                     name,
                     Parameters {

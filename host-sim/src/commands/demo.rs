@@ -7,18 +7,15 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow, ensure};
 use clap::{Args, ValueEnum};
-use vgstereo_core::camera::{Layout, LinePairSource, PixelFormat};
-use vgstereo_core::config::Config;
-use vgstereo_core::disparity::{DisparityRange, STEPS_PER_PX};
-use vgstereo_core::matcher::Matcher;
-use vgstereo_core::preset::Preset;
+use vgstereo_core::{Config, DisparityRange, Matcher, Preset, STEPS_PER_PX};
+use vgstereo_firmware::camera::{Layout, LinePairSource, PixelFormat};
 use vgstereo_firmware::{Session, session};
+use vgstereo_kernels::NativeKernels;
 
 use crate::camera::SimulatedCamera;
 use crate::dataset::save_scene;
 use crate::exposure::Exposure;
 use crate::files::{make_folder, write_png};
-use crate::kernels::HostKernels;
 use crate::line_offset::LineOffset;
 use crate::metrics::BadPixels;
 use crate::pictures::{colour_disparities, error_map};
@@ -242,7 +239,7 @@ impl Demo {
         let geometry = camera.geometry();
         let parameters = preset.parameters();
         let config = Config {
-            format: geometry.format,
+            colour: !geometry.format.is_grey(),
             ..Config::new(
                 parameters,
                 geometry.width,
@@ -251,7 +248,7 @@ impl Demo {
         };
         let mut matcher_memory = vec![0; config.memory_words()];
         let mut line_memory = vec![0; session::memory_words(&geometry)];
-        let matcher = Matcher::new(&config, HostKernels::fastest(), &mut matcher_memory)?;
+        let matcher = Matcher::new(&config, NativeKernels::fastest(), &mut matcher_memory)?;
         let mut sink = FrameCollector::new();
         let started = Instant::now();
         Session::new(&mut camera, matcher, &mut sink, &mut line_memory)?

@@ -5,8 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Result, ensure};
 use clap::Args;
 use serde::Serialize;
-use vgstereo_core::config::{Method, Output};
-use vgstereo_core::preset::Preset;
+use vgstereo_core::{Method, Output, Preset};
 
 use crate::arguments::parse_preset;
 use crate::dataset::{ensure_distinct, find_scenes, load_scene};
@@ -102,8 +101,7 @@ impl ExposureWedge {
     pub fn run(self) -> Result<String> {
         ensure!(self.threshold > 0.0, "--threshold must be above 0");
         let presets: Vec<Preset> = if self.preset.is_empty() {
-            let aggregates =
-                |preset: &Preset| matches!(preset.parameters().method, Method::Aggregation(_));
+            let aggregates = |preset: &Preset| matches!(preset.parameters().method, Method::Sgm(_));
             Preset::ALL.into_iter().filter(aggregates).collect()
         } else {
             self.preset.clone()

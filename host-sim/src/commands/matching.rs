@@ -6,15 +6,13 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use image::ImageFormat;
-use vgstereo_core::config::Config;
-use vgstereo_core::disparity::{DisparityRange, Reference};
-use vgstereo_core::preset::Preset;
+use vgstereo_core::{Config, DisparityRange, Preset, Reference};
+use vgstereo_kernels::NativeKernels;
 
 use crate::arguments::{Overrides, output_of, parse_preset};
 use crate::disparity_files::DisparityFormat;
 use crate::files::{encode, read_image, write_files};
 use crate::frame::match_frame;
-use crate::kernels::HostKernels;
 use crate::pictures::colour_disparities;
 use crate::tables::{kib, milliseconds};
 use crate::views::Views;
@@ -68,7 +66,7 @@ pub struct Match {
     /// Leave out disparities that were filled in rather than found.
     #[arg(long)]
     sparse: bool,
-    /// Threads; the map does not depend on their number. The aggregating presets take at
+    /// Threads; the map does not depend on their number. The SGM presets take at
     /// most 2.
     #[arg(long, value_name = "N", default_value_t = 1)]
     threads: usize,
@@ -122,11 +120,11 @@ impl Match {
                 View::Left => Reference::Left,
                 View::Right => Reference::Right,
             },
-            format: views.format,
+            colour: views.has_colour(),
             output: output_of(self.sparse),
             ..Config::new(self.overrides.apply(self.preset)?, width, disparities)
         };
-        let matched = match_frame(&config, &views, HostKernels::fastest(), self.threads)?;
+        let matched = match_frame(&config, &views, NativeKernels::fastest(), self.threads)?;
         let map = &matched.disparities_q4;
         let mut files = vec![(self.out.as_path(), format.encode(map, width.into())?)];
         if let Some(path) = &self.color {

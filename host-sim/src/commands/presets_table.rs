@@ -2,10 +2,7 @@
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use vgstereo_core::camera::PixelFormat;
-use vgstereo_core::config::Config;
-use vgstereo_core::disparity::DisparityRange;
-use vgstereo_core::preset::Preset;
+use vgstereo_core::{Config, DisparityRange, Preset};
 
 use crate::arguments::parse_preset;
 use crate::parameters::to_toml;
@@ -58,7 +55,7 @@ impl Presets {
             let parameters = preset.parameters();
             let grey = Config::new(parameters, self.width, disparities);
             let colour = Config {
-                format: PixelFormat::Rgb888,
+                colour: true,
                 ..grey
             };
             let bytes = |config: &Config| kib(config.memory_words() * size_of::<u32>());

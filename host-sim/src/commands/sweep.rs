@@ -8,8 +8,7 @@ use clap::Args;
 use plotters::prelude::*;
 use rayon::prelude::*;
 use serde::Serialize;
-use vgstereo_core::config::Output;
-use vgstereo_core::preset::Preset;
+use vgstereo_core::{Output, Preset};
 
 use crate::arguments::{Overrides, parse_preset};
 use crate::dataset::{ensure_distinct, find_scenes};

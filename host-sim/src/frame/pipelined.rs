@@ -1,4 +1,4 @@
-//! The aggregating method in two threads, line by line as in one.
+//! SGM in two threads, line by line as in one.
 //!
 //! A row is matched after the one above it, for the path down and the exposure. But its
 //! masks depend on the image alone, and its refinement comes after. So one thread matches,
@@ -9,17 +9,16 @@ use std::sync::mpsc::{IntoIter, Receiver, SyncSender, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use vgstereo_core::config::{Aggregation, Config, ConfigError};
-use vgstereo_core::disparity::Reference;
-use vgstereo_core::matching::{
-    BlockMasks, ChannelStrips, MASK_LANES, RowMasks, SurfaceMasks, SurfaceMatcher, block_first,
+use vgstereo_core::kernel::MASK_LANES;
+use vgstereo_core::rows::{Arena, Strip, View};
+use vgstereo_core::sgm::{
+    BlockMasks, RowMasks, SgmMasks, SgmMatcher, SgmPlan, SgmRefiner, block_first,
 };
-use vgstereo_core::memory::Arena;
-use vgstereo_core::refine::SurfaceRefiner;
-use vgstereo_core::strip::Strip;
+use vgstereo_core::{Config, ConfigError, Reference, SgmParameters};
+use vgstereo_firmware::camera::RawLine;
+use vgstereo_kernels::NativeKernels;
 
-use super::{FrameError, Map, rows_of};
-use crate::kernels::HostKernels;
+use super::map::{FrameError, Map, rows_of};
 use crate::views::Views;
 
 /// Rows handed over at a time: waking a thread can take as long as a row.
@@ -34,29 +33,29 @@ const THREADS: usize = 2;
 /// Matches a frame; gives its map and the time from the first line in to the last out.
 pub(super) fn match_pipelined(
     config: &Config,
-    aggregation: &Aggregation,
+    sgm: &SgmParameters,
     views: &Views,
-    kernels: HostKernels,
+    kernels: NativeKernels,
 ) -> Result<(Map, Duration), FrameError> {
     let (mask_sender, mask_receiver) = sync_channel(BATCHES_AHEAD);
     let (found_sender, found_receiver) = sync_channel(BATCHES_AHEAD);
-    let mask_words = SurfaceMasks::memory_words(config, aggregation);
-    let channels_words = SurfaceMatcher::reference_channels_words(config, aggregation);
+    let mask_words = SgmMasks::words(config, sgm);
+    let channels_words = SgmPlan::new(config, sgm).refinement_view().words();
 
-    let mut memory = vec![0; SurfaceMatcher::memory_words(config, aggregation)];
+    let mut memory = vec![0; SgmMatcher::<NativeKernels>::words(config, sgm)];
     let arena = &mut Arena::new(&mut memory);
     let masks = (mask_words > 0).then(|| MasksAhead::new(mask_receiver));
-    let mut matcher = SurfaceMatcher::with_masks(config, aggregation, kernels, masks, arena)?;
+    let mut matcher = SgmMatcher::with_masks(config, sgm, kernels, masks, arena)?;
 
     let mut memory = vec![0; mask_words + channels_words];
     let arena = &mut Arena::new(&mut memory);
     let synapses = matcher.synapses();
-    let mut masks = SurfaceMasks::new(config, aggregation, synapses, kernels, arena)
-        .map_err(ConfigError::from)?;
-    let mut lines = ReferenceLines::new(config, aggregation, views, kernels, arena)?;
+    let mut masks =
+        SgmMasks::new(config, sgm, synapses, kernels, arena).map_err(ConfigError::from)?;
+    let mut lines = ReferenceLines::new(config, sgm, views, kernels, arena)?;
     let width = usize::from(config.width);
     let mut rows = rows_of(config, views)?;
-    let mut scratch = vec![0; SurfaceMasks::scratch_bytes(config, aggregation)];
+    let mut scratch = vec![0; SgmMasks::scratch_bytes(config, sgm)];
     // As many rows as were found: masks stay as far ahead as they were at first.
     let make_masks = move || {
         let Some(masks) = &mut masks else { return };
@@ -68,10 +67,10 @@ pub(super) fn match_pipelined(
         let _ = mask_sender.send(batch);
     };
 
-    let mut memory = vec![0; SurfaceRefiner::memory_words(config, aggregation) + channels_words];
+    let mut memory = vec![0; SgmRefiner::<NativeKernels>::words(config, sgm) + channels_words];
     let arena = &mut Arena::new(&mut memory);
-    let mut refiner = SurfaceRefiner::new(config, aggregation, kernels, arena)?;
-    let mut behind = ReferenceLines::new(config, aggregation, views, kernels, arena)?;
+    let mut refiner = SgmRefiner::new(config, sgm, kernels, arena)?;
+    let mut behind = ReferenceLines::new(config, sgm, views, kernels, arena)?;
 
     let mut map = Map::with_room(config, views);
     let started = Instant::now();
@@ -80,7 +79,7 @@ pub(super) fn match_pipelined(
         let mut make_masks = make_masks;
         thread::Builder::new()
             .spawn_scoped(scope, move || {
-                match_rows(&mut matcher, views, &found_sender)
+                match_rows(&mut matcher, views, kernels, &found_sender)
             })
             .map_err(|_| FrameError::Threads(THREADS))?;
         for _ in 0..BATCHES_AHEAD {
@@ -89,7 +88,7 @@ pub(super) fn match_pipelined(
         for batch in found_receiver {
             for found in batch {
                 let channels = behind.around(found.line);
-                if refiner.push(&found.found_q4, &found.confidences, channels) {
+                if refiner.push(&found.found, &found.confidences, channels) {
                     map.push(refiner.line_q4(), refiner.line_confidences());
                 }
             }
@@ -97,7 +96,7 @@ pub(super) fn match_pipelined(
         }
         Ok::<_, FrameError>(())
     })?;
-    while refiner.flush(behind.channels.strips()) {
+    while refiner.flush(behind.view.channels()) {
         map.push(refiner.line_q4(), refiner.line_confidences());
     }
     Ok((map, started.elapsed()))
@@ -105,15 +104,16 @@ pub(super) fn match_pipelined(
 
 /// Matches all rows of a frame and hands them over.
 fn match_rows(
-    matcher: &mut SurfaceMatcher<'_, HostKernels, MasksAhead>,
+    matcher: &mut SgmMatcher<'_, NativeKernels, MasksAhead>,
     views: &Views,
+    kernels: NativeKernels,
     sender: &SyncSender<Vec<FoundRow>>,
 ) {
     let mut batch = Vec::new();
-    let mut lines = views.lines();
+    let mut lines = views.lines(kernels);
     loop {
         let line = match lines.next() {
-            Some((left, right)) => matcher.push(left, right),
+            Some((left, right)) => matcher.push(&left, &right),
             None => match matcher.flush() {
                 Some(line) => Some(line),
                 None => break,
@@ -122,7 +122,7 @@ fn match_rows(
         if let Some(line) = line {
             batch.push(FoundRow {
                 line,
-                found_q4: matcher.found_q4().to_vec(),
+                found: matcher.found().to_vec(),
                 confidences: matcher.confidences().to_vec(),
             });
         }
@@ -137,7 +137,7 @@ fn match_rows(
 /// A row of checked disparities on its way to the refinement.
 struct FoundRow {
     line: u32,
-    found_q4: Vec<i16>,
+    found: Vec<i16>,
     confidences: Vec<u8>,
 }
 
@@ -186,7 +186,7 @@ impl MasksAhead {
 
 impl RowMasks for MasksAhead {
     fn begin(&mut self, _: &[Strip<'_>], line: u32) {
-        // The first row is begun twice.
+        // The first row is begun twice: see `RowMasks::begin`.
         if self.line != Some(line) {
             self.row = self.rows.next().unwrap_or_default();
             self.line = Some(line);
@@ -206,9 +206,9 @@ impl RowMasks for MasksAhead {
 
 /// The reference view's lines, as far down as a row looks.
 struct ReferenceLines<'a> {
-    channels: ChannelStrips<'a>,
-    lines: Box<dyn Iterator<Item = &'a [u8]> + 'a>,
-    kernels: HostKernels,
+    view: View<'a>,
+    lines: Box<dyn Iterator<Item = RawLine<'a, NativeKernels>> + 'a>,
+    kernels: NativeKernels,
     taken: u32,
     reach: u32,
 }
@@ -216,18 +216,24 @@ struct ReferenceLines<'a> {
 impl<'a> ReferenceLines<'a> {
     fn new(
         config: &Config,
-        aggregation: &Aggregation,
+        sgm: &SgmParameters,
         views: &'a Views,
-        kernels: HostKernels,
+        kernels: NativeKernels,
         arena: &mut Arena<'a>,
     ) -> Result<Self, ConfigError> {
         let reference = config.reference;
-        let lines = views.lines().map(move |(left, right)| match reference {
-            Reference::Left => left,
-            Reference::Right => right,
-        });
+        let lines = views
+            .lines(kernels)
+            .map(move |(left, right)| match reference {
+                Reference::Left => left,
+                Reference::Right => right,
+            });
         Ok(Self {
-            channels: SurfaceMatcher::reference_channels(config, aggregation, arena)?,
+            view: View::new(
+                SgmPlan::new(config, sgm).refinement_view(),
+                SgmPlan::orders(reference)[0],
+                arena,
+            )?,
             lines: Box::new(lines),
             kernels,
             taken: 0,
@@ -240,9 +246,9 @@ impl<'a> ReferenceLines<'a> {
         while self.taken <= row + self.reach
             && let Some(line) = self.lines.next()
         {
-            self.channels.push(line, &self.kernels);
+            self.view.push(&line, &self.kernels);
             self.taken += 1;
         }
-        self.channels.strips()
+        self.view.channels()
     }
 }

@@ -5,7 +5,7 @@ use super::vector::{Ray, Vec3, vec3};
 /// A pinhole camera that looks along `z` and is tilted down. Its scanlines run along world `x`,
 /// and so does the baseline between two of them: the views are rectified.
 #[derive(Debug, Clone, Copy)]
-pub struct Camera {
+pub(super) struct Camera {
     /// The optical centre, m.
     pub position: Vec3,
     /// The direction of the image columns.
@@ -21,7 +21,7 @@ pub struct Camera {
 
 impl Camera {
     /// Returns a camera at `position` that looks down by `pitch_rad`.
-    pub fn new(
+    pub(super) fn new(
         position: Vec3,
         pitch_rad: f64,
         focal_px: f64,
@@ -41,7 +41,7 @@ impl Camera {
 
     /// Returns the ray through the image point `(x_px, y_px)`; pixel centres are at whole
     /// numbers. The ray parameter is the depth, m.
-    pub fn ray(&self, x_px: f64, y_px: f64) -> Ray {
+    pub(super) fn ray(&self, x_px: f64, y_px: f64) -> Ray {
         let u = (x_px - self.centre_x_px) / self.focal_px;
         let v = (y_px - self.centre_y_px) / self.focal_px;
         Ray {
@@ -51,13 +51,13 @@ impl Camera {
     }
 
     /// Returns the depth of a point: its distance along the optical axis, m.
-    pub fn depth(&self, point: Vec3) -> f64 {
+    pub(super) fn depth(&self, point: Vec3) -> f64 {
         (point - self.position).dot(self.forward)
     }
 
     /// Returns the range of image columns and lines that can show a sphere, as
     /// `[left, right, top, bottom]`, px; `None` if the sphere reaches the camera.
-    pub fn extent(&self, centre: Vec3, radius: f64) -> Option<[f64; 4]> {
+    pub(super) fn extent(&self, centre: Vec3, radius: f64) -> Option<[f64; 4]> {
         let offset = centre - self.position;
         let depth = self.depth(centre);
         if depth <= radius * 1.01 {

@@ -23,7 +23,7 @@ const CLEARANCE: f64 = 1e-4;
 
 /// A surface point that a camera sees.
 #[derive(Debug, Clone, Copy)]
-pub struct Seen {
+pub(super) struct Seen {
     /// The index of the object. It differs between the two sides of an edge.
     pub object: u16,
     /// The depth, m.
@@ -34,14 +34,14 @@ pub struct Seen {
 
 /// One of the two cameras.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Side {
+pub(super) enum Side {
     Left,
     Right,
 }
 
 /// The objects, the two cameras, and grids that tell which objects a ray can meet.
 #[derive(Debug)]
-pub struct Courtyard {
+pub(super) struct Courtyard {
     objects: Vec<Object>,
     cameras: [Camera; 2],
     tiles: [Grid; 2],
@@ -60,7 +60,7 @@ pub struct Courtyard {
 
 impl Courtyard {
     /// Returns the courtyard for views of this size, with disparities up to `d_max` px.
-    pub fn new(width_px: u32, height_px: u32, d_max: u16, seed: u64, texture: f64) -> Self {
+    pub(super) fn new(width_px: u32, height_px: u32, d_max: u16, seed: u64, texture: f64) -> Self {
         // Both halves of the seed count.
         let seed = (seed ^ (seed >> 32)) as u32;
         let mut objects = furnish(seed);
@@ -125,13 +125,13 @@ impl Courtyard {
     }
 
     /// Returns the disparity of a point at this depth, px.
-    pub fn disparity_px(&self, depth: f64) -> f64 {
+    pub(super) fn disparity_px(&self, depth: f64) -> f64 {
         self.disparity_metres / depth
     }
 
     /// Returns what a camera sees at an image point; `None` where it sees nothing. The point may
     /// be outside the image by at most a tile.
-    pub fn look(&self, side: Side, x_px: f64, y_px: f64) -> Option<Seen> {
+    pub(super) fn look(&self, side: Side, x_px: f64, y_px: f64) -> Option<Seen> {
         let ray = self.cameras[side as usize].ray(x_px, y_px);
         let mut nearest: Option<Seen> = None;
         for &index in self.tiles[side as usize].at(x_px, y_px) {
@@ -150,7 +150,7 @@ impl Courtyard {
 
     /// Returns the linear light of each channel that a seen point sends to the cameras. It is
     /// equal for both cameras.
-    pub fn light(&self, seen: &Seen) -> Colour {
+    pub(super) fn light(&self, seen: &Seen) -> Colour {
         let object = &self.objects[usize::from(seen.object)];
         let point = seen.point;
         // One viewpoint for both cameras, so that level of detail and lit side agree.

@@ -85,7 +85,7 @@ fn grow(
 }
 
 /// Returns all objects of the courtyard. The plants depend on the seed.
-pub fn furnish(seed: u32) -> Vec<Object> {
+pub(super) fn furnish(seed: u32) -> Vec<Object> {
     let up = vec3(0.0, 1.0, 0.0);
     let level = |x: f64, z: f64| vec3(x, 0.0, z).unit();
     let mut chance = Chance { seed, drawn: 0 };

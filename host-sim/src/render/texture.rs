@@ -10,11 +10,11 @@ use super::noise::{
 use super::vector::Vec3;
 
 /// Red, green and blue as they are displayed, each 0 to 1.
-pub type Colour = [f64; 3];
+pub(super) type Colour = [f64; 3];
 
 /// The material of a surface, which decides its texture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Material {
+pub(super) enum Material {
     /// A brick wall, partly under smooth plaster.
     Wall,
     /// A path of slabs between gravel.
@@ -43,7 +43,7 @@ pub enum Material {
 
 /// A place on a surface.
 #[derive(Debug, Clone, Copy)]
-pub struct Place {
+pub(super) struct Place {
     /// The position in the world, m.
     pub point: Vec3,
     /// The coordinates on the surface, m.
@@ -59,7 +59,7 @@ pub struct Place {
 }
 
 /// Returns `a` at `share` 0, `b` at `share` 1, and a mixture in proportion between.
-pub fn blend(a: Colour, b: Colour, share: f64) -> Colour {
+pub(super) fn blend(a: Colour, b: Colour, share: f64) -> Colour {
     [
         mix(a[0], b[0], share),
         mix(a[1], b[1], share),
@@ -78,7 +78,7 @@ fn pick(palette: &[Colour], bits: u32) -> Colour {
 
 /// Returns whether a sheet of `material` is solid at `(u, v)`, m, rather than open. `half_u` and
 /// `half_v` are half the extents of the sheet, m.
-pub fn is_solid(material: Material, u: f64, v: f64, half_u: f64, half_v: f64) -> bool {
+pub(super) fn is_solid(material: Material, u: f64, v: f64, half_u: f64, half_v: f64) -> bool {
     match material {
         Material::Leaf => {
             let along = u / half_u;
@@ -104,7 +104,7 @@ const LATTICE_STEP: f64 = 0.2;
 const LATTICE_SLAT: f64 = 0.042;
 
 /// Returns the colour of a material at a place.
-pub fn colour(material: Material, place: &Place, seed: u32) -> Colour {
+pub(super) fn colour(material: Material, place: &Place, seed: u32) -> Colour {
     let seed = seed ^ place.tint;
     match material {
         Material::Wall => wall(place, seed),
@@ -129,7 +129,7 @@ pub fn colour(material: Material, place: &Place, seed: u32) -> Colour {
 }
 
 /// Returns the colour of a material without its texture: about the mean of its colours.
-pub fn paint(material: Material) -> Colour {
+pub(super) fn paint(material: Material) -> Colour {
     match material {
         Material::Wall => [0.74, 0.58, 0.48],
         Material::Ground => [0.60, 0.55, 0.47],

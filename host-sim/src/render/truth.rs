@@ -12,7 +12,7 @@ const JUMP_REACH_PX: usize = 4;
 
 /// Returns the disparities of both views and the three masks. Each disparity comes from one ray
 /// through the centre of its pixel.
-pub fn ground_truth(yard: &Courtyard, width: u32, height: u32) -> GroundTruth {
+pub(super) fn ground_truth(yard: &Courtyard, width: u32, height: u32) -> GroundTruth {
     let columns = width as usize;
     let pixels = columns * height as usize;
     let disparity = |side: Side, x: usize, y: usize| {

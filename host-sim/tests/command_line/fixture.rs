@@ -9,16 +9,16 @@ use tempfile::TempDir;
 
 /// A temporary folder with a textured pair of images, `left.png` and `right.png`, whose disparity is
 /// [`SHIFT`] everywhere.
-pub struct Fixture {
+pub(crate) struct Fixture {
     pub folder: TempDir,
 }
 
-pub const WIDTH: u32 = 80;
-pub const HEIGHT: u32 = 40;
-pub const SHIFT: u32 = 5;
+pub(crate) const WIDTH: u32 = 80;
+pub(crate) const HEIGHT: u32 = 40;
+pub(crate) const SHIFT: u32 = 5;
 
 impl Fixture {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let fixture = Self {
             folder: tempfile::tempdir().unwrap(),
         };
@@ -27,12 +27,12 @@ impl Fixture {
         fixture
     }
 
-    pub fn path(&self, name: &str) -> PathBuf {
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
     /// Runs `vgstereo` in the folder and returns what it printed.
-    pub fn run(&self, arguments: &[&str]) -> Outcome {
+    pub(crate) fn run(&self, arguments: &[&str]) -> Outcome {
         let output = Command::cargo_bin("vgstereo")
             .unwrap()
             .current_dir(self.folder.path())
@@ -47,7 +47,7 @@ impl Fixture {
     }
 
     /// Returns the sorted names of the files in the folder.
-    pub fn files(&self) -> Vec<String> {
+    pub(crate) fn files(&self) -> Vec<String> {
         let entries = fs::read_dir(self.folder.path()).unwrap();
         let mut names: Vec<String> = entries
             .map(|entry| entry.unwrap().file_name().into_string().unwrap())
@@ -59,7 +59,7 @@ impl Fixture {
     /// Checks that these arguments are refused: with code 2, with one line on standard error that
     /// has these words, and without a file written.
     #[track_caller]
-    pub fn refuses(&self, arguments: &[&str], words: &[&str]) {
+    pub(crate) fn refuses(&self, arguments: &[&str], words: &[&str]) {
         let before = self.files();
         let outcome = self.run(arguments);
         assert_eq!(outcome.code, Some(2), "{arguments:?}: {}", outcome.stderr);
@@ -76,14 +76,14 @@ impl Fixture {
     }
 }
 
-pub struct Outcome {
+pub(crate) struct Outcome {
     pub code: Option<i32>,
     pub stdout: String,
     pub stderr: String,
 }
 
 /// Returns a texture without repetition, moved to the left by `shift` columns.
-pub fn texture(shift: u32) -> RgbImage {
+pub(crate) fn texture(shift: u32) -> RgbImage {
     RgbImage::from_fn(WIDTH, HEIGHT, |x, y| {
         let mixed = ((x + shift) * 2_654_435 + y * 40_503).wrapping_mul(2_246_822_519) >> 15;
         Rgb([mixed as u8, (mixed >> 3) as u8, (mixed >> 5) as u8])
@@ -91,7 +91,7 @@ pub fn texture(shift: u32) -> RgbImage {
 }
 
 /// Writes the folder of a scene with these masks. `gt` is the ground truth in the steps of its file.
-pub fn write_scene(folder: &Path, gt: &DynamicImage, meta: &str, masks: &[&str]) {
+pub(crate) fn write_scene(folder: &Path, gt: &DynamicImage, meta: &str, masks: &[&str]) {
     fs::create_dir_all(folder).unwrap();
     texture(0).save(folder.join("left.png")).unwrap();
     texture(SHIFT).save(folder.join("right.png")).unwrap();
@@ -109,7 +109,7 @@ pub fn write_scene(folder: &Path, gt: &DynamicImage, meta: &str, masks: &[&str])
 
 /// Returns a folder whose sub-folder `set` holds the scenes `a`, with all masks, and `b`, with one
 /// mask and ground truth that is 2 px off.
-pub fn two_scenes() -> Fixture {
+pub(crate) fn two_scenes() -> Fixture {
     let fixture = Fixture::new();
     let byte = GrayImage::from_pixel(WIDTH, HEIGHT, Luma([4 * SHIFT as u8]));
     write_scene(

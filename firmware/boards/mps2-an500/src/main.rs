@@ -1,22 +1,22 @@
-//! Arm MPS2 with image AN500: Cortex-M7; emulated as `mps2-an500`.
+//! Firmware for the Arm MPS2 with image AN500, a Cortex-M7, emulated as `mps2-an500`.
 #![no_std]
 #![no_main]
 
-// Critical sections, for the log.
+// Linked for its critical sections, which the log needs.
 use cortex_m as _;
 use cortex_m_rt::entry;
 use static_cell::ConstStaticCell;
-use vgstereo_chip_kernels::Armv7em;
 use vgstereo_emulated::meter::Counter;
 use vgstereo_emulated::run::run;
 use vgstereo_emulated::stack::Stack;
+use vgstereo_kernels::Armv7em;
 
-/// What the matcher and the session get of the 1 MB.
+/// Memory lent to session and matcher: 384 KB of 1 MB.
 #[unsafe(export_name = "lent_memory")]
 static MEMORY: ConstStaticCell<[u32; 384 * 1024 / 4]> = ConstStaticCell::new([0; 384 * 1024 / 4]);
 
-/// CMSDK timer 0, counting down. At 25 MHz it ticks every 40 ns, and the emulator counts an
-/// instruction as 64 ns.
+/// CMSDK timer 0, which counts down. At 25 MHz it ticks every 40 ns, and the emulator takes 64 ns
+/// per instruction.
 #[derive(Clone, Copy)]
 struct Timer0;
 
@@ -26,7 +26,7 @@ impl Timer0 {
     const RELOAD: *mut u32 = 0x4000_0008 as *mut u32;
 
     fn start() -> Self {
-        // SAFETY: registers of a timer that nothing else uses.
+        // SAFETY: these are registers of a timer that nothing else uses.
         unsafe {
             Self::RELOAD.write_volatile(u32::MAX);
             Self::VALUE.write_volatile(u32::MAX);
@@ -41,7 +41,7 @@ impl Counter for Timer0 {
 
     #[inline(always)]
     fn ticks(self) -> u32 {
-        // SAFETY: a register that may be read at any time.
+        // SAFETY: this register may be read at any time.
         !unsafe { Self::VALUE.read_volatile() }
     }
 }
@@ -53,7 +53,7 @@ unsafe extern "C" {
 
 #[entry]
 fn main() -> ! {
-    // SAFETY: the bounds are the linker's, there is no heap and no interrupt is enabled.
+    // SAFETY: the linker defines the bounds, there is no heap, and no interrupt is enabled.
     let stack = unsafe { Stack::paint(&raw mut _stack_end, &raw mut _stack_start) };
     run(Timer0::start(), Armv7em, MEMORY.take(), stack)
 }

@@ -1,20 +1,20 @@
-//! RV32IMAC, a soft core's stand-in; emulated as `virt`.
+//! Firmware for RV32IMAC, as of a soft core, emulated as `virt`.
 #![no_std]
 #![no_main]
 
 use riscv::register::minstret;
 use riscv_rt::entry;
 use static_cell::ConstStaticCell;
-use vgstereo_chip_kernels::Rv32;
 use vgstereo_emulated::meter::Counter;
 use vgstereo_emulated::run::run;
 use vgstereo_emulated::stack::Stack;
+use vgstereo_kernels::Rv32;
 
-/// What the matcher and the session get of the 1 MB.
+/// Memory lent to session and matcher: 384 KB of 1 MB.
 #[unsafe(export_name = "lent_memory")]
 static MEMORY: ConstStaticCell<[u32; 384 * 1024 / 4]> = ConstStaticCell::new([0; 384 * 1024 / 4]);
 
-/// The processor's own count of retired instructions.
+/// The processor's counter of retired instructions.
 #[derive(Clone, Copy)]
 struct Retired;
 
@@ -34,7 +34,7 @@ unsafe extern "C" {
 
 #[entry]
 fn main() -> ! {
-    // SAFETY: the bounds are the linker's, there is no heap and no interrupt is enabled.
+    // SAFETY: the linker defines the bounds, there is no heap, and no interrupt is enabled.
     let stack = unsafe { Stack::paint(&raw mut __estack, &raw mut _stack_start) };
     run(Retired, Rv32, MEMORY.take(), stack)
 }

@@ -1,22 +1,22 @@
-//! STM32F405: Cortex-M4F, 128 KB of SRAM; emulated as `netduinoplus2`.
+//! Firmware for the STM32F405, a Cortex-M4F with 128 KB of SRAM, emulated as `netduinoplus2`.
 #![no_std]
 #![no_main]
 
-// Critical sections, for the log.
+// Linked for its critical sections, which the log needs.
 use cortex_m as _;
 use cortex_m_rt::entry;
 use static_cell::ConstStaticCell;
-use vgstereo_chip_kernels::Armv7em;
 use vgstereo_emulated::meter::Counter;
 use vgstereo_emulated::run::run;
 use vgstereo_emulated::stack::Stack;
+use vgstereo_kernels::Armv7em;
 
-/// What the matcher and the session get of the 128 KB; the rest is for the stack.
+/// Memory lent to session and matcher: 112 of 128 KB; the rest is mostly stack.
 #[unsafe(export_name = "lent_memory")]
 static MEMORY: ConstStaticCell<[u32; 112 * 1024 / 4]> = ConstStaticCell::new([0; 112 * 1024 / 4]);
 
-/// TIM2, 32 bits wide. The emulator counts an instruction as a nanosecond and gives the
-/// timer a tick of one.
+/// TIM2, which has 32 bits. The emulator takes 1 ns per instruction, and the timer ticks every
+/// nanosecond.
 #[derive(Clone, Copy)]
 struct Timer2;
 
@@ -28,11 +28,11 @@ impl Timer2 {
     const AUTO_RELOAD: *mut u32 = 0x4000_002c as *mut u32;
 
     fn start() -> Self {
-        // SAFETY: registers of a timer that nothing else uses.
+        // SAFETY: these are registers of a timer that nothing else uses.
         unsafe {
             Self::PRESCALER.write_volatile(0);
             Self::AUTO_RELOAD.write_volatile(u32::MAX);
-            // Take both over, then count.
+            // An update event loads prescaler and reload value; then the timer starts.
             Self::EVENT.write_volatile(1);
             Self::CONTROL.write_volatile(1);
         }
@@ -45,7 +45,7 @@ impl Counter for Timer2 {
 
     #[inline(always)]
     fn ticks(self) -> u32 {
-        // SAFETY: a register that may be read at any time.
+        // SAFETY: this register may be read at any time.
         unsafe { Self::COUNT.read_volatile() }
     }
 }
@@ -57,7 +57,7 @@ unsafe extern "C" {
 
 #[entry]
 fn main() -> ! {
-    // SAFETY: the bounds are the linker's, there is no heap and no interrupt is enabled.
+    // SAFETY: the linker defines the bounds, there is no heap, and no interrupt is enabled.
     let stack = unsafe { Stack::paint(&raw mut _stack_end, &raw mut _stack_start) };
     run(Timer2::start(), Armv7em, MEMORY.take(), stack)
 }

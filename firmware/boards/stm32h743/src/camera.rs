@@ -1,29 +1,29 @@
-//! The camera trait over the port and the sensors' trigger.
+//! Implementation of the camera trait over the camera port and the trigger of the sensors.
 
 use embassy_stm32::gpio::Output;
 use embassy_time::{Duration, Instant};
-use vgstereo_core::camera::{ErrorKind, ErrorType, Geometry, LinePair, LinePairSource};
+use vgstereo_firmware::camera::{ErrorKind, ErrorType, Geometry, LinePair, LinePairSource};
 
 use crate::capture::{Capture, RAW_WORDS};
 use crate::{FRAME_US, GEOMETRY, LAYOUT};
 
-/// Two sensors that begin a frame at the same edge of their trigger: a frame comes when
-/// its line 0 is asked for. Lines are not rectified. A pair that was not read when the next
-/// line ends is lost, and with it the rest of the frame.
+/// Two sensors that start a frame at the same edge of their trigger, when line 0 is asked for. The
+/// lines are not rectified. A pair that is not read before the next line ends is lost, together
+/// with the rest of the frame.
 pub struct StereoCamera {
     capture: Capture,
     trigger: Output<'static>,
     raw: [u32; RAW_WORDS],
-    /// Frames begun so far.
+    /// Number of frames started so far, modulo 2^32.
     frames: u32,
-    /// The next line of the frame, if there is one.
+    /// Number of the next line of the current frame, or `None` if a new frame must be started.
     line: Option<u32>,
-    /// Pairs lost since the one delivered last, if there is one.
+    /// Pairs lost since the last one delivered, or `None` if none was delivered yet.
     dropped: Option<u32>,
 }
 
 impl StereoCamera {
-    /// A camera whose sensors wait for the rise of `trigger`.
+    /// Creates a camera whose sensors start a frame at the rising edge of `trigger`.
     pub fn new(capture: Capture, trigger: Output<'static>) -> Self {
         Self {
             capture,
@@ -35,13 +35,14 @@ impl StereoCamera {
         }
     }
 
-    /// The next line of the frame that is being read, or line 0 of a new one.
+    /// Returns the number of the next line of the current frame, or starts a new frame and returns
+    /// 0.
     fn next_line(&mut self) -> u32 {
         if let Some(line) = self.line {
             return line;
         }
-        // The sensors send a frame to its end: with the lines below the geometry, or after
-        // a fault. One that never ends is given up.
+        // The sensors always send a whole frame: lines below the geometry, or the rest after a
+        // fault, have to pass. The wait for a frame that never ends is bounded.
         let _ = wait_for(|| self.capture.progress().has_ended);
         self.trigger.set_low();
         self.capture.begin_frame();
@@ -50,7 +51,7 @@ impl StereoCamera {
         0
     }
 
-    /// Waits for a line and takes it out of the ring.
+    /// Waits for a line and copies it out of the ring.
     fn receive(&mut self, line: u32) -> Result<(), ErrorKind> {
         let mut progress = self.capture.progress();
         let came = wait_for(|| {
@@ -71,7 +72,8 @@ impl StereoCamera {
     }
 }
 
-/// Whether it happens in the time of a frame.
+/// Waits until `has_happened` returns true, for at most the time of a frame. Returns whether it
+/// did.
 fn wait_for(mut has_happened: impl FnMut() -> bool) -> bool {
     let begun = Instant::now();
     while begun.elapsed() < Duration::from_micros(FRAME_US.into()) {

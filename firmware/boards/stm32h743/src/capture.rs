@@ -1,11 +1,11 @@
-//! Lines from the camera port into two line buffers, in turn, by DMA.
+//! Capture of lines from the camera port by DMA, into a ring of two line buffers.
 //!
-//! embassy's `Dcmi` sets up pins, clock and polarity, but its `capture` wants the memory of a
-//! whole frame. Here the port writes to a ring of two lines instead. What the line sync says
-//! is not lost: at the end of each line an interrupt counts it and compares the place in the
-//! ring, so that a line with too few pixels is known for what it is and moves no other.
+//! embassy's `Dcmi` sets up pins, clock and polarity, but its `capture` needs a buffer for a whole
+//! frame. Here the port writes to a ring of two lines instead. At the line sync after each line, an
+//! interrupt counts the line and compares it with the position in the ring. So a line with too few
+//! pixels is detected, and does not displace the lines after it.
 //!
-//! The port crops to the geometry: longer lines and more of them do no harm.
+//! The port crops to the geometry: longer lines and additional lines are harmless.
 
 use core::cell::Cell;
 
@@ -16,32 +16,32 @@ use embassy_stm32::dma::{self, ReadableRingBuffer, TransferOptions};
 use embassy_stm32::interrupt::typelevel::{DCMI as PortInterrupt, Handler};
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::{DCMI, DMA1_CH0};
-use vgstereo_core::camera::ErrorKind;
+use vgstereo_firmware::camera::ErrorKind;
 
 use crate::{GEOMETRY, Interrupts, LAYOUT};
 
-/// Bytes of a raw line, which holds a line of each view.
+/// Bytes per raw line, which holds one line of each view.
 const RAW_BYTES: usize = LAYOUT.raw_bytes(GEOMETRY.format, GEOMETRY.width);
-/// The port packs four bytes into a word.
+/// Words per raw line: the port packs four bytes into a word.
 pub const RAW_WORDS: usize = RAW_BYTES.div_ceil(4);
-/// What the sensors send on either side of the geometry: pixels of each view, and lines.
+/// Margin that the sensors send on each side of the geometry: pixels of each view, and lines.
 const MARGIN: u32 = 2;
-/// Pixel clocks of the margin on the left.
+/// Number of pixel clocks of the left margin.
 const MARGIN_CLOCKS: u32 = 2 * MARGIN * GEOMETRY.format.bytes_per_pixel() as u32;
 
-/// The camera's stream of the DMA controller: that of `DMA1_CH0`.
+/// Stream of the DMA controller that the camera uses: that of `DMA1_CH0`.
 const STREAM: usize = 0;
 
 const _: () = assert!(LAYOUT.lines_per_pair() == 1, "a raw line must be a pair");
 
-/// How far the frame is.
+/// Progress of the current frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
-    /// Line syncs seen.
+    /// Number of line syncs so far.
     syncs: u32,
-    /// Whether the frame sync has ended it.
+    /// Whether the frame sync has ended the frame.
     pub has_ended: bool,
-    /// What has gone wrong first.
+    /// First fault in the frame.
     pub fault: Option<ErrorKind>,
 }
 
@@ -52,16 +52,16 @@ impl Progress {
         fault: None,
     };
 
-    /// Whole lines of the geometry that have come.
+    /// Number of complete lines of the geometry received so far.
     pub fn lines(&self) -> u32 {
         self.syncs.saturating_sub(MARGIN).min(GEOMETRY.height)
     }
 }
 
-/// Written by the interrupt, but for a new frame.
+/// Progress of the current frame, written by the interrupt, and by [`Capture::begin_frame`].
 static PROGRESS: Mutex<Cell<Progress>> = Mutex::new(Cell::new(Progress::ENDED));
 
-/// The port's interrupt: at the end of each line and of a frame.
+/// Interrupt handler of the port, called at the end of each line and of each frame.
 pub struct LineEnd;
 
 impl Handler<PortInterrupt> for LineEnd {
@@ -78,7 +78,8 @@ impl Handler<PortInterrupt> for LineEnd {
             let mut fault = events.ovr_mis().then_some(ErrorKind::Overrun);
             if events.line_mis() && !progress.has_ended {
                 progress.syncs = progress.syncs.saturating_add(1);
-                // Words left of the ring: all of it after an even number of lines.
+                // Words until the end of the ring, which is all of it after an even number of
+                // lines.
                 let whole = 2 - progress.lines() as usize % 2;
                 let left = pac::DMA1.st(STREAM).ndtr().read().ndt();
                 if usize::from(left) != whole * RAW_WORDS {
@@ -94,7 +95,7 @@ impl Handler<PortInterrupt> for LineEnd {
     }
 }
 
-/// The camera port with its ring of lines.
+/// The camera port and its ring of lines.
 pub struct Capture {
     _port: Dcmi<'static, DCMI>,
     channel: Peri<'static, DMA1_CH0>,
@@ -103,8 +104,8 @@ pub struct Capture {
 }
 
 impl Capture {
-    /// A port that waits, with the memory of two raw lines that DMA1 reaches and that is not
-    /// cached.
+    /// Sets up an idle port. `raw_lines` holds two raw lines, in memory that DMA1 reaches and that
+    /// is not cached.
     pub fn new(
         port: Dcmi<'static, DCMI>,
         channel: Peri<'static, DMA1_CH0>,
@@ -130,17 +131,17 @@ impl Capture {
         }
     }
 
-    /// Waits for the next frame: drops what there is of this one.
+    /// Discards the current frame and arms the port for the next one.
     pub fn begin_frame(&mut self) {
         pac::DCMI.cr().modify(|control| {
             control.set_capture(false);
             control.set_enable(false);
         });
-        // Ends the old transfer before the memory is lent to the new one.
+        // The old transfer ends here, before the memory is lent to the new one.
         self.ring = None;
         let request = FrameDma::<DCMI>::request(&*self.channel);
-        // SAFETY: the only other user of the channel, the ring, is gone, and with it the only
-        // user of the memory, which is static.
+        // SAFETY: the ring was the only other user of the channel and of the memory, which is
+        // static, and it is gone.
         let ring = unsafe {
             let channel = dma::Channel::new(self.channel.clone_unchecked(), Interrupts);
             let data = pac::DCMI.dr().as_ptr().cast();
@@ -170,16 +171,17 @@ impl Capture {
         });
     }
 
-    /// How far the frame is.
+    /// Returns the progress of the current frame.
     pub fn progress(&self) -> Progress {
         critical_section::with(|token| PROGRESS.borrow(token).get())
     }
 
-    /// Copies the oldest line that was not read. It stays for the time of a line after its
-    /// end.
+    /// Copies the oldest line that was not read yet. A line stays in the ring until one more line
+    /// has been received after it.
     ///
     /// # Errors
-    /// [`ErrorKind::Overrun`] when it was, or may have been, written over.
+    /// [`ErrorKind::Overrun`] if the line was, or may have been, overwritten;
+    /// [`ErrorKind::SyncLost`] if it is not complete.
     pub fn read(&mut self, raw: &mut [u32; RAW_WORDS]) -> Result<(), ErrorKind> {
         let ring = self.ring.as_mut().ok_or(ErrorKind::Other)?;
         match ring.read(raw) {

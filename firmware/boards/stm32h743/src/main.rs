@@ -1,5 +1,5 @@
-//! NUCLEO-H743ZI2 with two HM01B0 sensors on its camera port: disparities out on the serial
-//! port, a log on the debug probe. The README has the wiring.
+//! Firmware for a NUCLEO-H743ZI2 with two HM01B0 sensors on its camera port. Disparities are sent
+//! over the serial port, and the log over the debug probe. The README describes the wiring.
 #![no_std]
 #![no_main]
 
@@ -19,41 +19,38 @@ use embassy_stm32::{bind_interrupts, dcmi, dma, gpio, i2c, rcc};
 use embassy_time::Instant;
 use panic_probe as _;
 use static_cell::ConstStaticCell;
-use vgstereo_chip_kernels::Armv7em;
-use vgstereo_core::camera::{Geometry, Layout, PixelFormat};
-use vgstereo_core::config::Config;
-use vgstereo_core::disparity::DisparityRange;
-use vgstereo_core::matcher::Matcher;
-use vgstereo_core::preset::Preset;
+use vgstereo_core::{Config, DisparityRange, Matcher, Preset};
+use vgstereo_firmware::camera::{Geometry, Layout, PixelFormat};
 use vgstereo_firmware::sink::serial::{SerialSink, packet_bytes};
 use vgstereo_firmware::{Event, Session, Watchdog, session};
+use vgstereo_kernels::Armv7em;
 
 use crate::camera::StereoCamera;
 use crate::capture::Capture;
 
-/// What the camera delivers: the middle of the sensors' 324x244 px.
+/// Geometry of the camera's lines: the middle of the sensors' 324x244 px.
 const GEOMETRY: Geometry = Geometry {
     width: 320,
     height: 240,
     format: PixelFormat::Grey8,
 };
-/// How the two views come through the port.
+/// Layout of the two views' pixels on the camera port.
 const LAYOUT: Layout = Layout::PixelMultiplexed { phase: 0 };
-/// What the matcher does.
+/// Configuration of the matcher.
 const CONFIG: Config = Config::new(
     Preset::Lite.parameters(),
     GEOMETRY.width,
     DisparityRange::up_to(47),
 );
-/// From one line to the next: the matcher's time for a line, and what the sensors are
-/// slowed down to.
+/// Period of a line: the time that the matcher has for one line, to which the sensors are slowed
+/// down.
 const LINE_US: u32 = 8_000;
-/// A frame with its gap and its exposure, with a quarter to spare: the longest wait.
+/// Longest wait for the camera: a frame with its gap and its exposure, and a quarter more.
 const FRAME_US: u32 = 325 * LINE_US;
-/// A line that never comes, the end of its frame, and line 0 of the next one: what one
-/// fault may take.
+/// Time-out of the watchdog. A fault may take as long: the wait for a missing line, for the end of
+/// its frame, and for line 0 of the next frame.
 const WATCHDOG_US: u32 = 3 * FRAME_US;
-/// Of the serial port: a line of disparities takes 3.3 ms.
+/// Baud rate of the serial port; at it, a line of disparities takes 3.3 ms.
 const BAUD: u32 = 2_000_000;
 
 bind_interrupts!(struct Interrupts {
@@ -62,19 +59,19 @@ bind_interrupts!(struct Interrupts {
     USART3 => usart::BufferedInterruptHandler<USART3>;
 });
 
-/// The session's two lines.
+/// Memory of the session: one line of each view.
 static LINES: ConstStaticCell<[u32; session::memory_words(&GEOMETRY)]> =
     ConstStaticCell::new([0; session::memory_words(&GEOMETRY)]);
-/// A packet of the sink.
+/// Memory of the sink: one packet.
 static PACKET: ConstStaticCell<[u8; packet_bytes(GEOMETRY.width)]> =
     ConstStaticCell::new([0; packet_bytes(GEOMETRY.width)]);
-/// Bytes on their way out: two packets, so that sending and matching overlap.
+/// Send buffer of the serial port: two packets, so that sending and matching overlap.
 static OUTGOING: ConstStaticCell<[u8; 2 * packet_bytes(GEOMETRY.width)]> =
     ConstStaticCell::new([0; 2 * packet_bytes(GEOMETRY.width)]);
-/// Incoming bytes, which nobody reads.
+/// Receive buffer of the serial port; received bytes are not used.
 static INCOMING: ConstStaticCell<[u8; 4]> = ConstStaticCell::new([0; 4]);
 
-/// The part's independent watchdog, which has a clock of its own.
+/// The chip's independent watchdog, which has a clock of its own.
 struct Iwdg(IndependentWatchdog<'static, IWDG1>);
 
 impl Watchdog for Iwdg {
@@ -103,8 +100,8 @@ fn main() -> ! {
     sync.vsync_level = dcmi::VSyncDataInvalidLevel::Low;
     sync.hsync_level = dcmi::HSyncDataInvalidLevel::Low;
     sync.pixclk_polarity = dcmi::PixelClockPolarity::RisingEdge;
-    // SAFETY: of the two owners of the channel, `Dcmi` uses it in `capture` alone, which
-    // is never called.
+    // SAFETY: of the two owners of the channel, `Dcmi` uses it only in its `capture`, which is
+    // never called.
     let channel = unsafe { board.DMA1_CH0.clone_unchecked() };
     let port = dcmi::Dcmi::new_8bit(
         board.DCMI,
@@ -161,7 +158,7 @@ fn main() -> ! {
     }
 }
 
-/// 400 MHz from the 8 MHz that the board's debug probe gives.
+/// Clock tree: 400 MHz from the 8 MHz that the board's debug probe supplies.
 fn clocks() -> embassy_stm32::Config {
     let mut config = embassy_stm32::Config::default();
     config.rcc.hse = Some(rcc::Hse {

@@ -1,4 +1,4 @@
-//! The memories of the part, as `memory.x` shares them out, and the caches.
+//! Set-up of the chip's memories, placed as in `memory.x`, and of its caches.
 
 use cortex_m::asm::{dsb, isb};
 use cortex_m::peripheral::{MPU, Peripherals};
@@ -17,19 +17,19 @@ static MATCHER: GroundedArrayCell<u32, { CONFIG.memory_words() }> = GroundedArra
 #[unsafe(link_section = ".sram1")]
 static RAW_LINES: GroundedArrayCell<u32, RAW_LINES_WORDS> = GroundedArrayCell::uninit();
 
-/// Turns the caches on and gives the matcher's memory and that of the raw lines, which is
-/// not cached.
+/// Enables the caches. Returns the matcher's memory, and that of the raw lines, which is not
+/// cached.
 ///
 /// # Panics
-/// When it is called twice.
+/// If it is called more than once.
 pub fn take() -> (&'static mut [u32], &'static mut [u32]) {
     let mut core = defmt::unwrap!(Peripherals::take());
-    // Off after a reset; an access without the clock would be a bus fault.
+    // SRAM1 is off after a reset, and an access without its clock would be a bus fault.
     RCC.ahb2enr().modify(|enable| enable.set_sram1en(true));
     leave_sram1_uncached(&mut core.MPU);
     core.SCB.enable_icache();
     core.SCB.enable_dcache(&mut core.CPUID);
-    // SAFETY: nobody else has them, as the core's peripherals are taken only once.
+    // SAFETY: there is no other reference, because the core's peripherals can be taken only once.
     unsafe {
         (
             initialised(MATCHER.get_ptr_len()),
@@ -38,29 +38,31 @@ pub fn take() -> (&'static mut [u32], &'static mut [u32]) {
     }
 }
 
+/// Clears `words` words from `start` on and returns them as a slice.
+///
 /// # Safety
-/// These words are lent to nobody else.
+/// The words are writable, and there is no other reference to them.
 unsafe fn initialised((start, words): (*mut u32, usize)) -> &'static mut [u32] {
-    // SAFETY: the caller's promise; every word is written before the slice exists.
+    // SAFETY: the caller promises it, and every word is written before the slice exists.
     unsafe {
         start.write_bytes(0, words);
         core::slice::from_raw_parts_mut(start, words)
     }
 }
 
-/// Makes all 128 KB of SRAM1 normal memory that is neither cached nor executed: the core
-/// reads what DMA1 wrote.
+/// Configures all 128 KB of SRAM1 as normal memory that is neither cached nor executable, so that
+/// the core reads what DMA1 has written.
 fn leave_sram1_uncached(mpu: &mut MPU) {
     const BASE: u32 = 0x3000_0000;
     const EXECUTE_NEVER: u32 = 1 << 28;
     const FULL_ACCESS: u32 = 0b011 << 24;
     const NORMAL_NOT_CACHED: u32 = 0b001 << 19;
     const SHAREABLE: u32 = 1 << 18;
-    /// `log2` of the bytes, less 1.
+    /// Size field of 128 KB: the binary logarithm of the bytes, less 1.
     const SIZE: u32 = 16 << 1;
     const ENABLE: u32 = 1;
     const DEFAULT_MAP_ELSEWHERE: u32 = 1 << 2;
-    // SAFETY: no reference to SRAM1 exists yet, and the rest keeps the default map.
+    // SAFETY: there is no reference to SRAM1 yet, and the default map stays for all other memory.
     unsafe {
         mpu.rnr.write(0);
         mpu.rbar.write(BASE);

@@ -1,37 +1,39 @@
-//! Setting up an HM01B0: a window of 324x244 px, lines at the matcher's pace, a fixed exposure.
+//! Set-up of an HM01B0: a window of 324x244 px, line period as the matcher needs it, fixed
+//! exposure.
 
 use embassy_time::Delay;
 use embedded_hal::i2c::I2c;
 use hm01b0::{Error, Exposure, Hm01b0, Mode, registers};
 
-/// Pixel clocks in a millisecond: half the clock that the sensor is given.
+/// Pixel clocks per millisecond: half the clock that is fed to the sensor.
 const PIXEL_CLOCKS_PER_MS: u32 = 4000;
-/// Lines of a frame with its gap.
+/// Lines per frame, including the gap.
 const FRAME_LINES: u16 = 260;
-/// As long as lines are long, 4 of them are an exposure for rooms. Both sensors have the
-/// same: one that each chose for itself would drift apart.
+/// Exposure of both sensors: with lines as long as here, 4 of them suit rooms. It is fixed, because
+/// automatic exposures of the two sensors would drift apart.
 const EXPOSURE: Exposure = Exposure {
     integration_lines: 4,
     analog_gain: 0,
     digital_gain: 0x100,
 };
 
-// Registers that the driver has no name for.
+// Registers for which the driver has no names.
 const FRAME_LENGTH_LINES_HIGH: u16 = 0x0340;
 const FRAME_LENGTH_LINES_LOW: u16 = 0x0341;
 const LINE_LENGTH_HIGH: u16 = 0x0342;
 const LINE_LENGTH_LOW: u16 = 0x0343;
 const QVGA_WINDOW: u16 = 0x3010;
-/// Bits of [`registers::OSC_CLK_DIV`]: the divider of the clock, with its value for 2, and
-/// whether the pixel clock stops between lines, where the port needs it to see the sync.
+/// Bits of [`registers::OSC_CLK_DIV`]: the clock divider, its value for 2, and the gating of the
+/// pixel clock between lines. The port needs the clock there, to see the sync signals.
 const CLOCK_DIVIDER: u8 = 0b11;
 const DIVIDED_BY_2: u8 = 0b10;
 const GATED_CLOCK: u8 = 1 << 5;
 
-/// Sets the sensor on `bus` up and leaves it waiting for its trigger.
+/// Sets up the sensor on `bus`, and leaves it waiting for its trigger. `line_us` is the line
+/// period.
 ///
 /// # Errors
-/// The bus's, or that something else answers.
+/// An error of the bus, or an answer that is not that of an HM01B0.
 pub fn start<B: I2c>(bus: B, line_us: u32) -> Result<(), Error<B::Error>> {
     let mut sensor = Hm01b0::new(bus);
     sensor.init(&mut Delay)?;

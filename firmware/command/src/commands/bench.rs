@@ -4,7 +4,7 @@ use anyhow::Result;
 use clap::Args;
 use rayon::prelude::*;
 use serde::{Serialize, Serializer};
-use vgstereo_core::preset::Preset;
+use vgstereo_core::Preset;
 use vgstereo_emulated::Request;
 use vgstereo_emulated::meter::Stage;
 use vgstereo_emulated::request::HAMMING_CELLS;

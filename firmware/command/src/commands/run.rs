@@ -5,9 +5,8 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use vgstereo_core::camera::PixelFormat;
-use vgstereo_core::disparity::DisparityRange;
-use vgstereo_core::preset::Preset;
+use vgstereo_core::{DisparityRange, Preset};
+use vgstereo_firmware::camera::PixelFormat;
 use vgstereo_firmware::scripted::{NotAFault, ScriptedFault};
 use vgstereo_sim::arguments::parse_preset;
 use vgstereo_sim::disparity_files::DisparityFormat;
@@ -56,7 +55,7 @@ pub struct Run {
     /// Whole frames to wait for; the last one is written.
     #[arg(long, value_name = "N", default_value_t = 1)]
     frames: u32,
-    /// Fault of the camera. May be repeated.
+    /// ScriptedFault of the camera. May be repeated.
     #[arg(long, value_name = "FAULT", value_parser = parse_fault)]
     fault: Vec<ScriptedFault>,
     /// Disparity map to write: .png or .pgm (value = disparity x scale, 0 = none), or .pfm

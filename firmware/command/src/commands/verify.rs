@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, ensure};
 use clap::Args;
 use rayon::prelude::*;
-use vgstereo_core::preset::Preset;
+use vgstereo_core::Preset;
 use vgstereo_sim::tables::table;
 use vgstereo_sim::terminal::progress_bar;
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use serde::Serialize;
-use vgstereo_core::preset::Preset;
+use vgstereo_core::Preset;
 
 use crate::arguments::{Overrides, output_of, parse_preset};
 use crate::dataset::{ensure_distinct, find_scenes, load_scene};
@@ -69,7 +69,7 @@ pub struct Eval {
     #[command(flatten)]
     line_offset: LineOffset,
     /// Threads per frame; the figures but the time do not depend on their number. The
-    /// aggregating presets take at most 2.
+    /// SGM presets take at most 2.
     #[arg(long, value_name = "N", default_value_t = 1)]
     threads: usize,
     #[command(flatten)]

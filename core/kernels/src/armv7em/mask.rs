@@ -1,0 +1,224 @@
+//! Masks of the cells on each pixel's surface, four pixels per word.
+
+use vgstereo_core::kernel::{self, CELLS_PER_BYTE, MASK_LANES, MAX_CHANNELS, MaskBlock};
+
+use super::simd::{
+    add_even_bytes, add_odd_bytes, add_saturating_u8x4, distance_u8x4, load, max_u8x4, min_u8x4,
+    select_ge_u8x4, select_ge_u16x2, splat_u8, splat_u16, store, sub_saturating_u8x4,
+};
+
+/// Pixels per word.
+const LANES: usize = 4;
+/// Words per row of the block.
+const WORDS: usize = MASK_LANES / LANES;
+/// Number of words compared at once: as many as fit the registers.
+const GROUP: usize = 4;
+
+/// Number of thresholds on the ladder: at least ten, because the step can double eight times before
+/// it exceeds every difference, and a power of two, so that an index is cheaply kept in range.
+const RUNGS: usize = 16;
+
+type Row = [[u8; LANES]; WORDS];
+type Group = [u32; GROUP];
+/// Differences of the eight cells of one byte of the mask, one row per cell.
+type Rows = [Row; CELLS_PER_BYTE];
+
+/// Number of mask bytes whose cells are counted in 8 bits before the counts are widened.
+const COUNTED: usize = u8::MAX as usize / CELLS_PER_BYTE;
+
+/// Four values in two words of halfwords: those of pixels 0 and 2, then those of pixels 1 and 3.
+type Halfwords = [u32; 2];
+
+/// Equals [`kernel::mask_block`] bit for bit.
+#[inline(never)]
+pub(super) fn mask_block(block: &mut MaskBlock<'_>) {
+    let count = block.starts.len();
+    let is_counted = (block.kept.into()..=usize::from(u16::MAX)).contains(&count);
+    let fits = is_counted
+        && count.is_multiple_of(CELLS_PER_BYTE)
+        && block.cells.len() == count * MASK_LANES;
+    let compared = match block.channels {
+        _ if block.lanes != MASK_LANES || !fits => None,
+        1 => compare::<1>(block),
+        _ => compare::<MAX_CHANNELS>(block),
+    };
+    if compared.is_none() {
+        kernel::mask_block(block);
+        return;
+    }
+    let ladder = Ladder::new(block);
+    let rows = block.cells.as_chunks::<LANES>().0.as_chunks::<WORDS>().0;
+    let cells = rows.as_chunks::<CELLS_PER_BYTE>().0;
+    let masks = block.masks.as_chunks_mut::<LANES>().0;
+    let masks = masks.as_chunks_mut::<WORDS>().0;
+    // The search starts at the neighbours' thresholds, which are usually similar.
+    let mut rungs = 0;
+    for (word, counts) in (0..WORDS).zip(block.counts.as_chunks_mut::<LANES>().0) {
+        let kept_cells;
+        (rungs, kept_cells) = ladder.search(cells, word, rungs);
+        let [even, odd] = kept_cells;
+        *counts = [even, odd, even >> 16, odd >> 16].map(|count| count as u16);
+        write_masks(cells, word, ladder.thresholds(rungs), masks);
+    }
+}
+
+/// The ladder of thresholds, levels.
+struct Ladder {
+    thresholds: [u8; RUNGS],
+    /// Smallest number of cells to keep, in both halfwords.
+    kept: u32,
+}
+
+impl Ladder {
+    fn new(block: &MaskBlock<'_>) -> Self {
+        let mut thresholds = [block.floor; RUNGS];
+        let mut excess = block.step.get();
+        for threshold in thresholds.iter_mut().skip(1) {
+            *threshold = block.floor.saturating_add(excess);
+            excess = excess.saturating_mul(2);
+        }
+        Self {
+            thresholds,
+            kept: splat_u16(block.kept),
+        }
+    }
+
+    /// Returns the thresholds of four rungs.
+    #[inline(always)]
+    fn thresholds(&self, rungs: u32) -> u32 {
+        let rungs = rungs.to_le_bytes();
+        load(&rungs.map(|rung| self.thresholds[usize::from(rung) % RUNGS]))
+    }
+
+    /// Returns the lowest rung that keeps enough cells for each of four pixels, and the number of
+    /// cells within it. The search moves by one rung at a time, from `probes` on.
+    #[inline(never)]
+    fn search(&self, cells: &[Rows], word: usize, mut probes: u32) -> (u32, Halfwords) {
+        // Every difference is within the highest threshold.
+        let (mut low, mut high) = (0, splat_u8(RUNGS as u8 - 1));
+        // The number of all cells, which fits 16 bits.
+        let mut counts = [splat_u16((cells.len() * CELLS_PER_BYTE) as u16); 2];
+        loop {
+            let counted = count_within(cells, word, self.thresholds(probes));
+            let [even, odd] = counted;
+            let are_enough = select_ge_u16x2(even, self.kept, splat_u16(0xff), 0)
+                | select_ge_u16x2(odd, self.kept, splat_u16(0xff00), 0);
+            let enough = |yes, no| select_ge_u8x4(are_enough, splat_u8(u8::MAX), yes, no);
+            high = enough(probes, high);
+            for (count, counted) in counts.iter_mut().zip(counted) {
+                *count = select_ge_u16x2(counted, self.kept, counted, *count);
+            }
+            let above = probes + splat_u8(1);
+            low = enough(low, above);
+            if low == high {
+                return (high, counts);
+            }
+            let below = max_u8x4(sub_saturating_u8x4(probes, splat_u8(1)), low);
+            probes = enough(below, min_u8x4(above, high));
+        }
+    }
+}
+
+/// Writes the differences of all cells: the larger of those of two neighbouring synapses' samples.
+/// Returns `None` if a sample is not within the levels.
+#[inline(always)]
+fn compare<const CHANNELS: usize>(block: &mut MaskBlock<'_>) -> Option<()> {
+    let mut levels = [&[][..]; CHANNELS];
+    for (levels, channel) in levels.iter_mut().zip(block.levels) {
+        *levels = channel;
+    }
+    let rows = block.cells.as_chunks_mut::<LANES>().0;
+    let rows = rows.as_chunks_mut::<WORDS>().0;
+    for group in 0..WORDS / GROUP {
+        let shift = group * GROUP * LANES;
+        let mut centres = [[0; GROUP]; CHANNELS];
+        for (centre, levels) in centres.iter_mut().zip(levels) {
+            *centre = run_at(levels, block.centre + shift)?.map(|four| load(&four));
+        }
+        let first = block.first + shift;
+        // Backwards, because a synapse's partner is the one after it; two at a time, so that
+        // neither value has to be moved to another register.
+        let mut partner = differences(&levels, &centres, first, *block.starts.first()?)?;
+        let pairs = rows.as_chunks_mut::<2>().0.iter_mut();
+        for (rows, starts) in pairs.zip(block.starts.as_chunks::<2>().0).rev() {
+            let second = differences(&levels, &centres, first, starts[1])?;
+            write_larger(&mut rows[1], group, &second, &partner);
+            partner = differences(&levels, &centres, first, starts[0])?;
+            write_larger(&mut rows[0], group, &partner, &second);
+        }
+    }
+    Some(())
+}
+
+/// Returns the differences of a synapse's samples from their centre pixels, summed over the
+/// channels.
+#[inline(always)]
+fn differences<const CHANNELS: usize>(
+    levels: &[&[u8]; CHANNELS],
+    centres: &[Group; CHANNELS],
+    first: usize,
+    start: u32,
+) -> Option<Group> {
+    let mut sums = [0; GROUP];
+    for (centre, levels) in centres.iter().zip(levels) {
+        let samples = run_at(levels, start as usize + first)?;
+        for ((sum, &centre), sample) in sums.iter_mut().zip(centre).zip(samples) {
+            let difference = distance_u8x4(centre, load(sample));
+            *sum = if CHANNELS == 1 {
+                difference
+            } else {
+                add_saturating_u8x4(*sum, difference)
+            };
+        }
+    }
+    Some(sums)
+}
+
+/// Returns the levels of a group's pixels.
+#[inline(always)]
+fn run_at(levels: &[u8], start: usize) -> Option<&[[u8; LANES]; GROUP]> {
+    levels.get(start..)?.as_chunks().0.first_chunk()
+}
+
+/// Writes the larger values of two groups.
+#[inline(always)]
+fn write_larger(row: &mut Row, group: usize, a: &Group, b: &Group) {
+    if let Some(words) = row.as_chunks_mut::<GROUP>().0.get_mut(group) {
+        for ((cells, &a), &b) in words.iter_mut().zip(a).zip(b) {
+            store(max_u8x4(a, b), cells);
+        }
+    }
+}
+
+/// Counts the cells of each of four pixels whose difference is within the pixel's threshold.
+#[inline(always)]
+fn count_within(cells: &[Rows], word: usize, thresholds: u32) -> Halfwords {
+    // The remainder changes nothing, but shows the compiler that the index is below `WORDS`.
+    let word = word % WORDS;
+    let mut counts = [0; 2];
+    for counted in cells.chunks(COUNTED) {
+        let mut four = 0;
+        for rows in counted {
+            for row in rows {
+                four += select_ge_u8x4(thresholds, load(&row[word]), splat_u8(1), 0);
+            }
+        }
+        let [even, odd] = counts;
+        counts = [add_even_bytes(even, four), add_odd_bytes(odd, four)];
+    }
+    counts
+}
+
+/// Writes the masks of four pixels: one bit per cell, set if its difference is within the
+/// threshold.
+#[inline(never)]
+fn write_masks(cells: &[Rows], word: usize, thresholds: u32, masks: &mut [Row]) {
+    let word = word % WORDS;
+    for (mask, rows) in masks.iter_mut().zip(cells) {
+        let mut bits = 0;
+        for row in rows.iter().rev() {
+            bits = bits << 1 | select_ge_u8x4(thresholds, load(&row[word]), splat_u8(1), 0);
+        }
+        store(bits, &mut mask[word]);
+    }
+}

@@ -1,0 +1,74 @@
+//! Median of 3 x 3 pixels, two pixels per word.
+
+use vgstereo_core::kernel;
+
+use super::simd::{max_i16x2, min_i16x2, pair_of};
+
+/// Two columns of three values, each sorted: the two least, the two middle and the two largest
+/// values.
+type Columns = [u32; 3];
+
+/// Equals [`kernel::median9_row`] bit for bit.
+#[inline(never)]
+pub(super) fn median9_row(rows: [&[i16]; 3], output: &mut [i16]) {
+    if filter(rows, output).is_none() {
+        kernel::median9_row(rows, output);
+    }
+}
+
+#[inline(always)]
+fn filter(rows: [&[i16]; 3], output: &mut [i16]) -> Option<()> {
+    let width = output.len();
+    let (outputs, odd) = output.as_chunks_mut::<2>();
+    let mut pairs = [&[][..]; 3];
+    let mut firsts = [0; 3];
+    for ((pairs, first), row) in pairs.iter_mut().zip(&mut firsts).zip(rows) {
+        let (own, rest) = row.get(..width + 2)?.as_chunks::<2>().0.split_first()?;
+        *first = pair_of(own);
+        *pairs = rest.get(..outputs.len())?;
+    }
+    let mut before = sorted(firsts);
+    for (index, output) in outputs.iter_mut().enumerate() {
+        let after = sorted(pairs.map(|pairs| pair_of(&pairs[index])));
+        let medians = medians(before, after);
+        *output = [medians as i16, (medians >> 16) as i16];
+        before = after;
+    }
+    if let [output] = odd {
+        // The last column has no neighbour in its word; what stands in its place is not used.
+        let mut after = [0; 3];
+        for (after, row) in after.iter_mut().zip(rows) {
+            *after = pair_of(&[*row.get(width + 1)?, 0]);
+        }
+        *output = medians(before, sorted(after)) as i16;
+    }
+    Some(())
+}
+
+/// Returns the medians of the two pixels in the middle of four sorted columns.
+#[inline(always)]
+fn medians(before: Columns, after: Columns) -> u32 {
+    // The three operands of each step are columns 0 and 1, columns 1 and 2, and columns 2 and 3.
+    let middle: Columns = core::array::from_fn(|i| before[i] >> 16 | after[i] << 16);
+    let low = max_i16x2(max_i16x2(before[0], middle[0]), after[0]);
+    let half = middle_of(before[1], middle[1], after[1]);
+    let high = min_i16x2(min_i16x2(before[2], middle[2]), after[2]);
+    middle_of(low, half, high)
+}
+
+#[inline(always)]
+fn sorted([a, b, c]: [u32; 3]) -> Columns {
+    let (low, high) = (min_i16x2(a, b), max_i16x2(a, b));
+    let middle = min_i16x2(high, c);
+    [
+        min_i16x2(low, c),
+        max_i16x2(low, middle),
+        max_i16x2(high, c),
+    ]
+}
+
+#[inline(always)]
+fn middle_of(a: u32, b: u32, c: u32) -> u32 {
+    let (low, high) = (min_i16x2(a, b), max_i16x2(a, b));
+    max_i16x2(low, min_i16x2(high, c))
+}

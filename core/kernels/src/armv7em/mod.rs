@@ -1,0 +1,107 @@
+//! Kernels for Armv7E-M: Cortex-M4 and Cortex-M7.
+//!
+//! A register holds four bytes or two halfwords, and the instructions of the DSP extension work on
+//! all of them at once. The kernels are written in terms of `simd`, whose functions are one or two
+//! of these instructions on targets that have them, and about a dozen ordinary ones with the same
+//! result elsewhere. So the code that runs on the chip is tested on the host.
+
+mod aggregate;
+mod arms;
+mod convert;
+mod cost;
+mod mask;
+mod median9;
+mod pack;
+mod select;
+#[allow(unsafe_code)]
+mod simd;
+mod smooth;
+mod weighted_median;
+
+use vgstereo_core::forward_kernels;
+use vgstereo_core::kernel::{
+    AggregateRow, ArmsRow, CELLS_PER_BYTE, CostRun, Kernels, LevelConversion, MaskBlock, Portable,
+    WeightedMedianRow,
+};
+
+/// Kernel set in byte SIMD for Cortex-M4 and Cortex-M7.
+///
+/// It runs on every target. Without the DSP extension, at most the kernels that
+/// [`Rv32`](crate::Rv32) takes from it are faster than the reference.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Armv7em;
+
+impl Kernels for Armv7em {
+    const FUSES_SELECTION: bool = false;
+
+    // The reference suffices: each pixel is unpacked only once, and recall is little more than a
+    // loop around the Hamming distances.
+    forward_kernels!(set => &Portable; luma_row, channel_row, recall_row);
+
+    #[inline]
+    fn convert_row(
+        &self,
+        conversion: &LevelConversion,
+        levels: &[u8],
+        low: &mut [u8],
+        high: &mut [u8],
+    ) {
+        convert::convert_row(conversion, levels, low, high);
+    }
+
+    #[inline]
+    fn smooth_row(&self, rows: [&[u8]; 3], step_max: u8, smoothed: &mut [u8]) {
+        smooth::smooth_row(rows, step_max, smoothed);
+    }
+
+    #[inline]
+    fn pack_cells(&self, samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
+        pack::pack_cells(samples, packed);
+    }
+
+    #[inline]
+    fn mask_block(&self, block: &mut MaskBlock<'_>) {
+        mask::mask_block(block);
+    }
+
+    #[inline]
+    fn cost_run(&self, run: &CostRun<'_>, costs: &mut [u8]) {
+        cost::cost_run(run, costs);
+    }
+
+    #[inline]
+    fn aggregate_paths(&self, row: &mut AggregateRow<'_>) {
+        aggregate::aggregate_paths(row);
+    }
+
+    #[inline]
+    fn select_row(&self, row: &mut AggregateRow<'_>) {
+        select::select_row(row);
+    }
+
+    #[inline]
+    fn aggregate_row(&self, row: &mut AggregateRow<'_>) {
+        self.aggregate_paths(row);
+        self.select_row(row);
+    }
+
+    #[inline]
+    fn arms_row(&self, row: &ArmsRow<'_>, _scratch: &mut [u8], arms: &mut [i16]) {
+        arms::arms_row(row, arms);
+    }
+
+    #[inline]
+    fn median9_row(&self, rows: [&[i16]; 3], output: &mut [i16]) {
+        median9::median9_row(rows, output);
+    }
+
+    #[inline]
+    fn weighted_median_row(
+        &self,
+        row: &WeightedMedianRow<'_>,
+        weights: &mut [u8],
+        output: &mut [i16],
+    ) {
+        weighted_median::weighted_median_row(row, weights, output);
+    }
+}

@@ -1,0 +1,355 @@
+//! Weighted median of four pixels at once: four bytes to a word.
+//!
+//! The taps with a weight are listed once. Their values are stored relative to an origin per pixel
+//! and clamped to a byte. The pixel's own disparity is in the middle of that range, and the search
+//! for the median proceeds from there in steps that double. In the rare case that the median is not
+//! within the range, the origin moves and the taps are listed again.
+
+use core::array::from_fn;
+
+use vgstereo_core::disparity::INVALID;
+use vgstereo_core::kernel::{self, WeightedMedianRow};
+
+use super::simd::{
+    add_even_bytes, add_odd_bytes, add_saturating_i16x2, add_saturating_u8x4, distance_u8x4,
+    even_bytes, halve_sum_u8x4, halve_sum_u16x2, load, max_u8x4, min_i16x2, min_u8x4, odd_bytes,
+    pair_of, saturate_to_u8x2, select_ge_i16x2, select_ge_u8x4, select_ge_u16x2, splat_u8,
+    splat_u16, sub_saturating_i16x2, sub_saturating_u8x4,
+};
+
+/// Pixels filtered at once.
+const LANES: usize = 4;
+/// Number of weights by distance from the centre: they are below this, 1/16.
+const PLACES: usize = 32;
+/// Number of likenesses of colour: a likeness fits six bits.
+const LIKENESSES: usize = 64;
+
+/// Weight of a tap by its distance weight and its likeness of colour, at most 255.
+static WEIGHTS: [[u8; LIKENESSES]; PLACES] = weights();
+
+const fn weights() -> [[u8; LIKENESSES]; PLACES] {
+    let mut weights = [[0; LIKENESSES]; PLACES];
+    let mut place = 0;
+    while place < PLACES {
+        let mut likeness = 0;
+        while likeness < LIKENESSES {
+            let weight = (((likeness * likeness) >> 4) * place) >> 4;
+            weights[place][likeness] = if weight < 255 { weight as u8 } else { 255 };
+            likeness += 1;
+        }
+        place += 1;
+    }
+    weights
+}
+
+/// A tap of four pixels: their values relative to the origins, and their weights. The bytes are in
+/// the order of pixels 0, 2, 1, 3, so that bytes 0 and 2 belong to the first two pixels.
+type Tap = [u32; 2];
+
+/// Four values in two words of halfwords: those of the first two pixels, then those of the last
+/// two.
+type Halfwords = [u32; 2];
+
+/// Value of a pixel's own disparity relative to its origin.
+const OWN: u8 = 128;
+/// Distance by which the origin moves. It is one less than the largest byte, because that and 0
+/// also stand for all values beyond the range.
+const MOVE: u16 = 254;
+
+/// Equals [`kernel::weighted_median_row`] bit for bit.
+#[inline(never)]
+pub(super) fn weighted_median_row(
+    row: &WeightedMedianRow<'_>,
+    weights: &mut [u8],
+    output: &mut [i16],
+) {
+    let width = output.len();
+    let count = row.rows * row.tap_columns().len();
+    let words = bytemuck::try_cast_slice_mut::<u8, u32>(weights);
+    let words = words
+        .ok()
+        .and_then(|words| words.split_at_mut_checked(count));
+    let (true, Some((weights, list))) = (width >= LANES, words) else {
+        kernel::weighted_median_row(row, weights, output);
+        return;
+    };
+    let list = list.as_chunks_mut().0;
+    let clear = clear_columns(row);
+    let window = row.window_width - 1 + LANES;
+    // The last block overlaps the one before it, so that nothing remains.
+    for x in (0..width).step_by(LANES) {
+        let x = x.min(width - LANES);
+        let is_clear = clear.start <= x && x + window <= clear.end;
+        let medians = match (row.channels, is_clear) {
+            (1, true) => filter_block::<1, true>(row, x, weights, list),
+            (1, false) => filter_block::<1, false>(row, x, weights, list),
+            _ => filter_block::<3, false>(row, x, weights, list),
+        };
+        if let (Some(medians), Some(output)) = (medians, output.get_mut(x..x + LANES)) {
+            output.copy_from_slice(&medians);
+        }
+    }
+}
+
+/// Columns of the window's rows in which every row has a disparity of 0 or more, as is the case
+/// within the image in the pipeline. Empty if these columns are not contiguous in some row.
+fn clear_columns(row: &WeightedMedianRow<'_>) -> core::ops::Range<usize> {
+    let mut clear = 0..usize::MAX;
+    for values in row.values.iter().take(row.rows) {
+        let start = values.iter().take_while(|&&value| value < 0).count();
+        let rest = values.get(start..).unwrap_or_default();
+        let behind = rest.iter().rev().take_while(|&&value| value < 0).count();
+        let inside = rest.get(..rest.len() - behind).unwrap_or_default();
+        let (pairs, odd) = inside.as_chunks::<2>();
+        let signs = pairs.iter().fold(0, |signs, pair| signs | pair_of(pair));
+        let odd = odd.iter().fold(0, |signs, &value| signs | value);
+        if signs & 0x8000_8000 != 0 || odd < 0 {
+            return 0..0;
+        }
+        clear.start = clear.start.max(start);
+        clear.end = clear.end.min(start + inside.len());
+    }
+    clear
+}
+
+/// Returns the weighted medians of the [`LANES`] pixels from `x` on.
+#[inline(always)]
+fn filter_block<const CHANNELS: usize, const CLEAR: bool>(
+    row: &WeightedMedianRow<'_>,
+    x: usize,
+    weights: &mut [u32],
+    list: &mut [Tap],
+) -> Option<[i16; LANES]> {
+    weigh::<CHANNELS>(row, x, weights)?;
+    let own = words_of(run_at(
+        row.values.get(row.centre)?,
+        x + row.window_width / 2,
+    )?);
+    let lowest = splat_u16((INVALID + 1).cast_unsigned());
+    // The highest origin: its range of values ends at the largest value of all.
+    let last = splat_u16((i16::MAX - MOVE.cast_signed()).cast_unsigned());
+    let mut origins = own.map(|own| {
+        let origin = sub_saturating_i16x2(own, splat_u16(OWN.into()));
+        // A pixel without a disparity starts at 0.
+        min_i16x2(select_ge_i16x2(own, lowest, origin, 0), last)
+    });
+    loop {
+        let listed = list_taps::<CLEAR>(row, x, weights, origins, list)?;
+        let listed = list.get(..listed)?;
+        let totals = total(listed);
+        let medians = search(listed, totals);
+        let found = [even_bytes(medians), odd_bytes(medians)];
+        let mut is_settled = true;
+        let mut values = [0; 2];
+        for word in 0..2 {
+            values[word] = add_saturating_i16x2(origins[word], found[word]);
+            let down = sub_saturating_i16x2(origins[word], splat_u16(MOVE));
+            let up = min_i16x2(add_saturating_i16x2(origins[word], splat_u16(MOVE)), last);
+            // A median of 0 relative to the origin may be at 0 or below it, one of 255 at 255 or
+            // above.
+            let moved = select_ge_i16x2(0, found[word], down, origins[word]);
+            let moved = select_ge_i16x2(found[word], splat_u16(255), up, moved);
+            let moved = select_ge_u16x2(totals[word], splat_u16(1), moved, origins[word]);
+            is_settled &= moved == origins[word];
+            origins[word] = moved;
+            let invalid = splat_u16(INVALID.cast_unsigned());
+            values[word] = select_ge_u16x2(totals[word], splat_u16(1), values[word], invalid);
+        }
+        if is_settled {
+            let [a, b] = values.map(|pair| [pair as u16, (pair >> 16) as u16]);
+            return Some([a[0], a[1], b[0], b[1]].map(u16::cast_signed));
+        }
+    }
+}
+
+/// Writes the weights of the taps of the four pixels from `x` on, in the byte order of [`Tap`].
+#[inline(always)]
+fn weigh<const CHANNELS: usize>(
+    row: &WeightedMedianRow<'_>,
+    x: usize,
+    weights: &mut [u32],
+) -> Option<()> {
+    let count = row.tap_columns().len();
+    let mut centres = [0; CHANNELS];
+    for (centre, levels) in centres.iter_mut().zip(row.centres) {
+        *centre = load(run_at(levels, x)?);
+    }
+    let rows = weights.chunks_exact_mut(count.max(1));
+    let rows = rows.zip(row.places.chunks_exact(count.max(1)));
+    for (index, (weights, places)) in rows.enumerate().take(row.rows) {
+        let mut pairs = [&[][..]; CHANNELS];
+        for (pairs, levels) in pairs.iter_mut().zip(&row.levels) {
+            *pairs = pairs_from(levels.get(index)?, x, count)?;
+        }
+        weigh_row(pairs, centres, splat_u8(row.colour_reach), places, weights)?;
+    }
+    Some(())
+}
+
+/// Writes the weights of one row of taps. `pairs` are pairs of neighbouring pixels, one more than
+/// there are taps.
+#[inline(never)]
+fn weigh_row<const CHANNELS: usize>(
+    pairs: [&[[u8; 2]]; CHANNELS],
+    centres: [u32; CHANNELS],
+    reach: u32,
+    places: &[u8],
+    weights: &mut [u32],
+) -> Option<()> {
+    let count = weights.len();
+    let mut levels = [&[][..]; CHANNELS];
+    let mut before = [0; CHANNELS];
+    for channel in 0..CHANNELS {
+        let (&first, rest) = pairs[channel].split_first()?;
+        before[channel] = u32::from(u16::from_le_bytes(first));
+        levels[channel] = rest.get(..count)?;
+    }
+    let places = places.get(..count)?;
+    for tap in 0..count {
+        let mut difference = 0;
+        for channel in 0..CHANNELS {
+            let pair = u32::from(u16::from_le_bytes(levels[channel][tap]));
+            let four = before[channel] | pair << 16;
+            before[channel] = pair;
+            let distance = distance_u8x4(centres[channel], four);
+            difference = if CHANNELS == 1 {
+                // Grey counts as three equal channels.
+                add_saturating_u8x4(distance, add_saturating_u8x4(distance, distance))
+            } else {
+                add_saturating_u8x4(difference, distance)
+            };
+        }
+        let likeness = sub_saturating_u8x4(reach, difference);
+        weights[tap] = likeness;
+        if likeness > 0 {
+            let by_likeness = &WEIGHTS[usize::from(places[tap]) % PLACES];
+            let weight = |lane: u32| {
+                // The likeness fits six bits.
+                u32::from(by_likeness[(likeness >> (8 * lane)) as usize % LIKENESSES])
+            };
+            weights[tap] = weight(0) | weight(1) << 16 | weight(2) << 8 | weight(3) << 24;
+        }
+    }
+    Some(())
+}
+
+/// Lists the taps with a weight for any of the four pixels from `x` on; returns their number.
+#[inline(always)]
+fn list_taps<const CLEAR: bool>(
+    row: &WeightedMedianRow<'_>,
+    x: usize,
+    weights: &[u32],
+    origins: Halfwords,
+    list: &mut [Tap],
+) -> Option<usize> {
+    let count = row.tap_columns().len();
+    let mut listed = 0;
+    let rows = weights.chunks_exact(count.max(1)).zip(&row.values);
+    for (weights, values) in rows.take(row.rows) {
+        let pairs = pairs_from(values, x, count)?;
+        listed += list_row::<CLEAR>(pairs, weights, origins, list.get_mut(listed..)?)?;
+    }
+    Some(listed)
+}
+
+/// Lists the taps of one row that have a weight; returns their number. `pairs` are pairs of
+/// neighbouring values, one more than there are taps.
+#[inline(never)]
+fn list_row<const CLEAR: bool>(
+    pairs: &[[i16; 2]],
+    weights: &[u32],
+    origins: Halfwords,
+    list: &mut [Tap],
+) -> Option<usize> {
+    let count = weights.len();
+    let (first, pairs) = pairs.split_first()?;
+    let (pairs, list) = (pairs.get(..count)?, list.get_mut(..count)?);
+    let mut before = pair_of(first);
+    let mut listed = 0;
+    for tap in 0..count {
+        let values = [before, pair_of(&pairs[tap])];
+        before = values[1];
+        let mut weights = weights[tap];
+        if !CLEAR {
+            let least = splat_u16((INVALID + 1).cast_unsigned());
+            let known = |values, byte| select_ge_i16x2(values, least, byte, 0);
+            weights &= known(values[0], splat_u16(0xff)) | known(values[1], splat_u16(0xff00));
+        }
+        let [a, b] =
+            from_fn(|word| saturate_to_u8x2(sub_saturating_i16x2(values[word], origins[word])));
+        // The next tap overwrites one without a weight, which spares a branch.
+        *list.get_mut(listed)? = [a | b << 8, weights];
+        listed += usize::from(weights > 0);
+    }
+    Some(listed)
+}
+
+/// Sums the weights of each of the four pixels.
+#[inline(never)]
+fn total(listed: &[Tap]) -> Halfwords {
+    let mut totals = [0; 2];
+    let mut add = |&[_, weights]: &Tap| {
+        totals[0] = add_even_bytes(totals[0], weights);
+        totals[1] = add_odd_bytes(totals[1], weights);
+    };
+    let (fours, rest) = listed.as_chunks::<4>();
+    fours.iter().flatten().for_each(&mut add);
+    rest.iter().for_each(add);
+    totals
+}
+
+/// Pairs of neighbouring elements from `x` on. The elements of four pixels at one tap are two
+/// successive pairs, as taps are two columns apart.
+#[inline(always)]
+fn pairs_from<T>(row: &[T], x: usize, taps: usize) -> Option<&[[T; 2]]> {
+    row.get(x..)?.as_chunks().0.get(..taps + 1)
+}
+
+/// Returns, for each of four pixels, the smallest value at or below which lies at least half of the
+/// weight. Values are relative to the origins.
+#[inline(never)]
+fn search(listed: &[Tap], totals: Halfwords) -> u32 {
+    // Half of the total weight, rounded up.
+    let halves = totals.map(|total| halve_sum_u16x2(total, splat_u16(1)));
+    let (mut low, mut high) = (0, splat_u8(u8::MAX));
+    let mut probes = splat_u8(OWN);
+    let mut step = splat_u8(2);
+    loop {
+        let (mut below_low, mut below_high) = (0, 0);
+        let mut add = |&[values, weights]: &Tap| {
+            let counted = select_ge_u8x4(probes, values, weights, 0);
+            below_low = add_even_bytes(below_low, counted);
+            below_high = add_odd_bytes(below_high, counted);
+        };
+        let (pairs, rest) = listed.as_chunks::<2>();
+        pairs.iter().flatten().for_each(&mut add);
+        rest.iter().for_each(&mut add);
+        let is_enough = select_ge_u16x2(below_low, halves[0], splat_u16(0xff), 0)
+            | select_ge_u16x2(below_high, halves[1], splat_u16(0xff00), 0);
+        let enough = |yes, no| select_ge_u8x4(is_enough, splat_u8(u8::MAX), yes, no);
+        high = enough(probes, high);
+        // This does not wrap, because the highest probe has enough weight.
+        low = enough(low, add_saturating_u8x4(probes, splat_u8(1)));
+        if low == high {
+            return low;
+        }
+        let middle = halve_sum_u8x4(low, high);
+        let down = max_u8x4(middle, sub_saturating_u8x4(probes, step));
+        let up = min_u8x4(middle, add_saturating_u8x4(probes, step));
+        probes = enough(down, up);
+        step = add_saturating_u8x4(step, step);
+    }
+}
+
+/// Packs four values into two words.
+#[inline(always)]
+fn words_of(values: &[i16; LANES]) -> Halfwords {
+    let [a, b, c, d] = *values;
+    [pair_of(&[a, b]), pair_of(&[c, d])]
+}
+
+/// Returns the `N` values from `start` on.
+#[inline(always)]
+fn run_at<T, const N: usize>(values: &[T], start: usize) -> Option<&[T; N]> {
+    values.get(start..)?.first_chunk()
+}

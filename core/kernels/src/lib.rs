@@ -1,0 +1,37 @@
+//! Faster kernel sets for vgstereo: the inner loops of `vgstereo-core`, each set for one
+//! instruction set.
+//!
+//! Every set implements [`Kernels`](vgstereo_core::kernel::Kernels) and equals the reference,
+//! [`Portable`](vgstereo_core::kernel::Portable), bit for bit. [`Armv7em`] and [`Rv32`] are for
+//! microcontrollers. [`NativeKernels`] is for programs that learn only at run time which
+//! instructions the processor has.
+//!
+//! Each folder holds the kernels of one instruction set; its files are named as those of
+//! `vgstereo_core::kernel`. Its `mod.rs` lists which kernels are the set's own and which it
+//! forwards to another set.
+#![no_std]
+#![deny(unsafe_code)]
+#![warn(unreachable_pub, clippy::undocumented_unsafe_blocks)]
+
+#[cfg(any(test, feature = "cases"))]
+extern crate alloc;
+#[cfg(any(test, feature = "std"))]
+extern crate std;
+
+#[macro_use]
+mod methods;
+
+#[cfg(all(target_arch = "aarch64", target_feature = "neon"))]
+pub mod aarch64;
+mod armv7em;
+#[cfg(feature = "cases")]
+#[doc(hidden)]
+pub mod cases;
+mod native;
+mod rv32;
+#[cfg(all(target_arch = "x86_64", feature = "std"))]
+pub mod x86_64;
+
+pub use armv7em::Armv7em;
+pub use native::NativeKernels;
+pub use rv32::Rv32;

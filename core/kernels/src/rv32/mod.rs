@@ -1,0 +1,27 @@
+//! Kernels for RV32, with and without the Zbb extension.
+
+use vgstereo_core::forward_kernels;
+use vgstereo_core::kernel::{Kernels, Portable};
+
+use crate::armv7em::Armv7em;
+
+/// Kernel set for RV32: the kernels of [`Armv7em`] that are faster even without byte SIMD, and the
+/// reference for all others.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Rv32;
+
+impl Kernels for Rv32 {
+    const FUSES_SELECTION: bool = Portable::FUSES_SELECTION;
+
+    // Counting bits of four patterns at once and packing four pixels into a register save more than
+    // it costs to replace each byte SIMD instruction by a dozen ordinary ones.
+    forward_kernels!(set => &Armv7em; smooth_row, mask_block, cost_run, arms_row,
+        weighted_median_row);
+    // Aggregation of `Armv7em` was measured to be slower here, and so was its selection on
+    // processors with Zbb.
+    forward_kernels!(set => &Portable; aggregate_paths, select_row, aggregate_row);
+    // The kernels of `Armv7em` were not found to be faster here.
+    forward_kernels!(set => &Portable; convert_row, pack_cells, median9_row);
+    // `Armv7em` has no kernels of its own for these.
+    forward_kernels!(set => &Portable; luma_row, channel_row, recall_row);
+}

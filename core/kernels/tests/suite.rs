@@ -1,0 +1,286 @@
+//! Comparison of every kernel of every set with the reference, on random tasks.
+//!
+//! A failure prints the smallest failing task that was found: its sizes, and the seed of its
+//! values. `PROPTEST_CASES` sets the number of tasks for each kernel of each set.
+
+use libtest_mimic::{Arguments, Trial};
+use proptest::prelude::*;
+use vgstereo_core::forward_kernels;
+use vgstereo_core::kernel::{Kernels, MASK_LANES, MAX_TAP_ROWS, PixelFormat, Portable};
+#[cfg(target_arch = "aarch64")]
+use vgstereo_kernels::aarch64::Neon;
+use vgstereo_kernels::cases::{
+    AggregateCase, ArmsCase, Case, ChannelCase, ConvertCase, CostCase, LumaCase, MaskCase,
+    Median9Case, PackCase, PathsCase, RecallCase, SelectCase, SmoothCase, WeightedMedianCase,
+    generator,
+};
+#[cfg(target_arch = "x86_64")]
+use vgstereo_kernels::x86_64::{Avx2, Avx512};
+use vgstereo_kernels::{Armv7em, NativeKernels, Rv32};
+
+/// The tests of every kernel of a set, which is `None` where the processor cannot run it: then
+/// they are listed as ignored.
+macro_rules! suite {
+    ($name:literal: $set:expr) => {
+        suite!(@ $name: $set; luma_row, channel_row, convert_row, smooth_row, pack_cells, recall_row,
+            mask_block, cost_run, aggregate_paths, select_row, aggregate_row, arms_row, median9_row,
+            weighted_median_row)
+    };
+    (@ $name:literal: $set:expr; $($kernel:ident),+) => {
+        [$(trial(concat!($name, "::", stringify!($kernel)), $set, |set| $kernel(set)),)+]
+    };
+}
+
+fn trial<K: Kernels + Send + 'static>(name: &str, set: Option<K>, test: fn(K)) -> Trial {
+    let run = move || {
+        let set = set.ok_or("the processor lacks the instructions")?;
+        test(set);
+        Ok(())
+    };
+    Trial::test(name, run).with_ignored_flag(set.is_none())
+}
+
+fn main() {
+    let names = || {
+        native_sets_are_named_from_the_slowest_on();
+        Ok(())
+    };
+    let mut trials = vec![Trial::test(
+        "native_sets_are_named_from_the_slowest_on",
+        names,
+    )];
+    trials.extend(suite!("forwarded": Some(Forwarded(Portable))));
+    trials.extend(suite!("native": Some(NativeKernels::fastest())));
+    trials.extend(suite!("armv7em": Some(Armv7em)));
+    trials.extend(suite!("rv32": Some(Rv32)));
+    #[cfg(target_arch = "x86_64")]
+    trials.extend(suite!("avx2": Avx2::detect()));
+    #[cfg(target_arch = "x86_64")]
+    trials.extend(suite!("avx512": Avx512::detect()));
+    #[cfg(target_arch = "aarch64")]
+    trials.extend(suite!("neon": Neon::detect()));
+    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+}
+
+/// A set that forwards every kernel to another set through a closure.
+#[derive(Debug, Clone, Copy)]
+struct Forwarded<K>(K);
+
+impl<K: Kernels> Kernels for Forwarded<K> {
+    const FUSES_SELECTION: bool = K::FUSES_SELECTION;
+
+    forward_kernels!(set => &set.0, within |body| body(); luma_row,
+        channel_row, convert_row, smooth_row, pack_cells, recall_row, mask_block, cost_run,
+        aggregate_paths, select_row, aggregate_row, arms_row, median9_row, weighted_median_row);
+}
+
+/// The available sets are those that were detected, and the reference is the first.
+fn native_sets_are_named_from_the_slowest_on() {
+    let names: Vec<_> = NativeKernels::available()
+        .map(NativeKernels::name)
+        .collect();
+    let mut expected = vec!["portable"];
+    #[cfg(target_arch = "aarch64")]
+    expected.extend(Neon::detect().map(|_| "neon"));
+    #[cfg(target_arch = "x86_64")]
+    {
+        expected.extend(Avx2::detect().map(|_| "avx2"));
+        expected.extend(Avx512::detect().map(|_| "avx512"));
+    }
+    assert_eq!(names, expected);
+    assert_eq!(NativeKernels::fastest().name(), names[names.len() - 1]);
+}
+
+/// Runs a case with a set and with the reference, and compares their outputs. `case` keeps the
+/// set's output.
+fn is_alike<C: Case>(case: &mut C, kernels: impl Kernels) -> Result<(), TestCaseError> {
+    let mut reference = case.clone();
+    reference.run(Portable);
+    case.run(kernels);
+    prop_assert_eq!(case.output(), reference.output());
+    Ok(())
+}
+
+fn config() -> ProptestConfig {
+    let default = ProptestConfig {
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    };
+    if std::env::var_os("PROPTEST_CASES").is_some() {
+        return default;
+    }
+    ProptestConfig {
+        cases: 400,
+        ..default
+    }
+}
+
+fn channels() -> impl Strategy<Value = usize> {
+    prop_oneof![Just(1_usize), Just(3)]
+}
+
+fn formats() -> impl Strategy<Value = PixelFormat> {
+    prop::sample::select(&PixelFormat::ALL[..])
+}
+
+/// Number of pixels of a line, and width of the output row; equal in half of the tasks.
+fn line_widths() -> impl Strategy<Value = (usize, usize)> {
+    let alike = (1_usize..150).prop_map(|width| (width, width));
+    prop_oneof![alike, (0_usize..80, 1_usize..80)]
+}
+
+/// Numbers of disparities, often those that fill whole registers.
+fn disparities() -> impl Strategy<Value = usize> {
+    prop_oneof![1_usize..=64, 1_usize..=200, Just(64), Just(128), Just(256)]
+}
+
+fn largest_cost() -> impl Strategy<Value = u8> {
+    prop_oneof![Just(0_u8), Just(255), any::<u8>()]
+}
+
+fn luma_row(kernels: impl Kernels) {
+    proptest!(config(), |(
+        format in formats(), (pixels, width) in line_widths(), seed in any::<u64>(),
+    )| {
+        is_alike(&mut LumaCase::random(&mut generator(seed), format, pixels, width), kernels)?;
+    });
+}
+
+fn channel_row(kernels: impl Kernels) {
+    proptest!(config(), |(
+        format in formats(), (pixels, width) in line_widths(), seed in any::<u64>(),
+    )| {
+        is_alike(&mut ChannelCase::random(&mut generator(seed), format, pixels, width), kernels)?;
+    });
+}
+
+fn convert_row(kernels: impl Kernels) {
+    proptest!(config(), |(width in 1_usize..80, seed in any::<u64>())| {
+        is_alike(&mut ConvertCase::random(&mut generator(seed), width), kernels)?;
+    });
+}
+
+fn smooth_row(kernels: impl Kernels) {
+    let missing = prop_oneof![4 => Just(0_usize), 1 => 1_usize..=4];
+    proptest!(config(), |(width in 1_usize..150, missing in missing, seed in any::<u64>())| {
+        let mut case = SmoothCase::random(&mut generator(seed), width, missing);
+        let before = case.output();
+        is_alike(&mut case, kernels)?;
+        if missing > 0 {
+            prop_assert_eq!(case.output(), before);
+        }
+    });
+}
+
+fn pack_cells(kernels: impl Kernels) {
+    proptest!(config(), |(width in 1_usize..80, seed in any::<u64>())| {
+        is_alike(&mut PackCase::random(&mut generator(seed), width), kernels)?;
+    });
+}
+
+fn recall_row(kernels: impl Kernels) {
+    let bytes = prop_oneof![1_usize..=8, 9_usize..=40, Just(128)];
+    proptest!(config(), |(
+        width in 1_usize..60, disparities in disparities(), bytes in bytes, seed in any::<u64>(),
+    )| {
+        let mut case = RecallCase::random(&mut generator(seed), width, disparities, bytes);
+        is_alike(&mut case, kernels)?;
+    });
+}
+
+fn mask_block(kernels: impl Kernels) {
+    let lanes = prop_oneof![1..=MASK_LANES, Just(MASK_LANES)];
+    let bytes = prop_oneof![1_usize..=16, Just(32), Just(64), Just(128)];
+    proptest!(config(), |(
+        lanes in lanes, bytes in bytes, channels in channels(), seed in any::<u64>(),
+    )| {
+        is_alike(&mut MaskCase::random(&mut generator(seed), lanes, bytes, channels), kernels)?;
+    });
+}
+
+fn cost_run(kernels: impl Kernels) {
+    let width = prop_oneof![1_usize..40, 60_usize..=128];
+    let bytes = prop_oneof![
+        1_usize..=8,
+        Just(4),
+        Just(6),
+        Just(8),
+        Just(16),
+        Just(24),
+        Just(32),
+        Just(64)
+    ];
+    proptest!(config(), |(
+        width in width, disparities in disparities(), bytes in bytes, channels in channels(),
+        seed in any::<u64>(),
+    )| {
+        let random = &mut generator(seed);
+        is_alike(&mut CostCase::random(random, width, disparities, bytes, channels), kernels)?;
+    });
+}
+
+fn aggregate_paths(kernels: impl Kernels) {
+    proptest!(config(), |(
+        width in 1_usize..60, disparities in disparities(), cost_max in largest_cost(),
+        seed in any::<u64>(),
+    )| {
+        let random = &mut generator(seed);
+        let mut case = PathsCase(AggregateCase::random(random, width, disparities, cost_max));
+        for _ in 0..3 {
+            is_alike(&mut case, kernels)?;
+            case.0.next_row(random, cost_max);
+        }
+    });
+}
+
+fn select_row(kernels: impl Kernels) {
+    proptest!(config(), |(
+        width in 1_usize..60, disparities in disparities(), cost_max in largest_cost(),
+        seed in any::<u64>(),
+    )| {
+        let random = &mut generator(seed);
+        is_alike(&mut SelectCase::random(random, width, disparities, cost_max), kernels)?;
+    });
+}
+
+fn aggregate_row(kernels: impl Kernels) {
+    proptest!(config(), |(
+        width in 1_usize..60, disparities in disparities(), cost_max in largest_cost(),
+        seed in any::<u64>(),
+    )| {
+        let random = &mut generator(seed);
+        let mut case = AggregateCase::random(random, width, disparities, cost_max);
+        for _ in 0..3 {
+            is_alike(&mut case, kernels)?;
+            case.next_row(random, cost_max);
+        }
+    });
+}
+
+fn arms_row(kernels: impl Kernels) {
+    proptest!(config(), |(
+        width in 1_usize..200, reach in 0_u8..=127, channels in channels(), seed in any::<u64>(),
+    )| {
+        is_alike(&mut ArmsCase::random(&mut generator(seed), width, reach, channels), kernels)?;
+    });
+}
+
+fn median9_row(kernels: impl Kernels) {
+    proptest!(config(), |(width in 1_usize..80, seed in any::<u64>())| {
+        is_alike(&mut Median9Case::random(&mut generator(seed), width), kernels)?;
+    });
+}
+
+fn weighted_median_row(kernels: impl Kernels) {
+    let width = prop_oneof![1_usize..80, Just(16), Just(32), Just(64)];
+    let window = prop_oneof![
+        (0_usize..=12, 1_usize..=MAX_TAP_ROWS),
+        Just((30, MAX_TAP_ROWS))
+    ];
+    proptest!(config(), |(
+        width in width, (reach_x, rows) in window, channels in channels(), seed in any::<u64>(),
+    )| {
+        let random = &mut generator(seed);
+        is_alike(&mut WeightedMedianCase::random(random, width, reach_x, rows, channels), kernels)?;
+    });
+}

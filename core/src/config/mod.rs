@@ -1,0 +1,229 @@
+//! Configuration: what to compute, of which lines, and where.
+//!
+//! [`Parameters`] are the method's and fixed by a [`Preset`]; a [`Config`] adds the width, the
+//! disparities to search, the reference view and a region of interest. It can be checked when a
+//! program is built: [`Config::validate`] is `const`.
+
+mod parameters;
+mod preset;
+
+pub use parameters::{
+    MAX_CANDIDATES, MAX_LINE_OFFSET_Q4, MAX_MEDIAN_REACH_PX, MAX_SIGMA_PX, MAX_SYNAPSES, Method,
+    Parameters, RecallParameters, RegionVoteParameters, SYNAPSE_STEP, SgmParameters,
+    SpeckleParameters, Support, SynapseError, WeightedMedianParameters,
+};
+pub use preset::{DEFAULT_SEED, Preset, UnknownPreset};
+
+use core::fmt;
+
+use crate::disparity::{DisparityRange, MAX_MAGNITUDE_PX, Reference};
+use crate::rows::OutOfMemory;
+
+/// A rectangle of the reference view.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Region {
+    /// First column, px.
+    pub x: u16,
+    /// First line.
+    pub y: u32,
+    /// Columns, px, at least 1.
+    pub width: u16,
+    /// Lines, at least 1; the region ends with the frame if that is shorter.
+    pub height: u32,
+}
+
+impl Region {
+    /// All of a view of `width` columns, whatever its number of lines.
+    #[must_use]
+    pub const fn whole(width: u16) -> Self {
+        Self {
+            x: 0,
+            y: 0,
+            width,
+            height: u32::MAX,
+        }
+    }
+
+    /// Whether line `line` of the frame is inside.
+    #[must_use]
+    pub const fn contains_line(&self, line: u32) -> bool {
+        line >= self.y && line - self.y < self.height
+    }
+}
+
+/// Treatment of pixels whose disparity was not found.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Output {
+    /// They are filled in, with confidence 0.
+    #[default]
+    Dense,
+    /// They are [`INVALID`](crate::disparity::INVALID).
+    Sparse,
+}
+
+/// All that a matcher is built from. The number of lines of a frame is not part of it, because
+/// memory does not depend on it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Config {
+    /// Parameters of the method.
+    pub parameters: Parameters,
+    /// Columns of both views, px.
+    pub width: u16,
+    /// Disparities to search.
+    pub disparities: DisparityRange,
+    /// The view whose pixels get a disparity.
+    pub reference: Reference,
+    /// Whether lines have colour. If false, lines with colour are accepted too, but only their grey
+    /// is used.
+    pub colour: bool,
+    /// Treatment of pixels whose disparity was not found. It has no effect on [`Method::Recall`],
+    /// which fills nothing in.
+    pub output: Output,
+    /// The part of the reference view that gets disparities. Whole lines still go in: patterns
+    /// near its edge look outside.
+    pub region: Region,
+}
+
+/// Reason for which a configuration is refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum ConfigError {
+    /// |W| is not a multiple of 16 from 16 to 1024.
+    Synapses,
+    /// Offsets cannot be drawn with this sigma or support.
+    Synapse(SynapseError),
+    /// The number of candidates is not 1 to 16.
+    Candidates,
+    /// The median reaches further than 63 px.
+    Median,
+    /// A cost and a penalty together do not fit 8 bits: see [`SgmParameters::costs_fit_u8`].
+    Costs,
+    /// A window of the refinement is too large, or no cell is kept: see
+    /// [`SgmParameters::windows_fit`].
+    Windows,
+    /// Lines would be moved by more than one line.
+    LineOffset,
+    /// The disparities do not fit the width: see [`DisparityRange::fits`].
+    Disparities,
+    /// The region is empty or leaves the view.
+    Region,
+    /// The lent memory is smaller than [`Config::memory_words`].
+    Memory(OutOfMemory),
+}
+
+impl fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Synapses => {
+                f.write_str("the number of synapses must be a multiple of 16 from 16 to 1024")
+            }
+            Self::Synapse(error) => error.fmt(f),
+            Self::Candidates => f.write_str("the number of candidates must be 1 to 16"),
+            Self::Median => f.write_str("the median may reach at most 63 px"),
+            Self::Costs => f.write_str(
+                "the largest cost and penalty must be below 255 together, the scale at most 250, P1 at most P2",
+            ),
+            Self::Windows => f.write_str(
+                "the speckle window may reach 15 lines, the vote 127 px and 15 lines, the weighted median even 30 px and 6 lines, and some cells must be kept",
+            ),
+            Self::LineOffset => f.write_str("lines can be moved by at most 16/16 of a line"),
+            Self::Disparities => f.write_str(
+                "the disparities must be shorter than the line and at most 2047 px long",
+            ),
+            Self::Region => f.write_str("the region is empty or leaves the view"),
+            Self::Memory(error) => error.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for ConfigError {}
+
+impl From<OutOfMemory> for ConfigError {
+    fn from(error: OutOfMemory) -> Self {
+        Self::Memory(error)
+    }
+}
+
+impl From<SynapseError> for ConfigError {
+    fn from(error: SynapseError) -> Self {
+        Self::Synapse(error)
+    }
+}
+
+impl Config {
+    /// Returns a configuration with the left view as reference, the whole view as region, grey
+    /// lines and dense output.
+    #[must_use]
+    pub const fn new(parameters: Parameters, width: u16, disparities: DisparityRange) -> Self {
+        Self {
+            parameters,
+            width,
+            disparities,
+            reference: Reference::Left,
+            colour: false,
+            output: Output::Dense,
+            region: Region::whole(width),
+        }
+    }
+
+    /// Checks everything but the lent memory. In a `const` it refuses a configuration when a
+    /// program is built.
+    ///
+    /// # Errors
+    /// [`ConfigError`] for the first field that is out of its range.
+    pub const fn validate(&self) -> Result<(), ConfigError> {
+        let parameters = &self.parameters;
+        let synapses = parameters.synapses as usize;
+        if synapses == 0 || !synapses.is_multiple_of(SYNAPSE_STEP) || synapses > MAX_SYNAPSES {
+            return Err(ConfigError::Synapses);
+        }
+        let [first, second] = parameters.sigmas_px;
+        // Written so that NaN is refused.
+        let is_sigma =
+            first > 0.0 && first <= MAX_SIGMA_PX && second > 0.0 && second <= MAX_SIGMA_PX;
+        if !is_sigma {
+            return Err(ConfigError::Synapse(SynapseError::Sigma));
+        }
+        if !parameters.support.is_valid() {
+            return Err(ConfigError::Synapse(SynapseError::Support));
+        }
+        match &parameters.method {
+            Method::Recall(recall) => {
+                if recall.candidates == 0 || recall.candidates > MAX_CANDIDATES {
+                    return Err(ConfigError::Candidates);
+                }
+                if recall.median_reach_px > MAX_MEDIAN_REACH_PX {
+                    return Err(ConfigError::Median);
+                }
+            }
+            Method::Sgm(sgm) => {
+                // An index in 1/16 px must fit 16 bits.
+                if self.disparities.count > MAX_MAGNITUDE_PX as u16 + 1 {
+                    return Err(ConfigError::Disparities);
+                }
+                if !sgm.costs_fit_u8() {
+                    return Err(ConfigError::Costs);
+                }
+                if sgm.line_offset_max_q4 > MAX_LINE_OFFSET_Q4 {
+                    return Err(ConfigError::LineOffset);
+                }
+                if !sgm.windows_fit() {
+                    return Err(ConfigError::Windows);
+                }
+            }
+        }
+        if !self.disparities.fits(self.width) {
+            return Err(ConfigError::Disparities);
+        }
+        let region = &self.region;
+        let is_inside = region.x as u32 + region.width as u32 <= self.width as u32;
+        if region.width == 0 || region.height == 0 || !is_inside {
+            return Err(ConfigError::Region);
+        }
+        Ok(())
+    }
+}

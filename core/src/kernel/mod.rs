@@ -1,0 +1,341 @@
+//! Kernels: the inner loops of the pipeline, each with a plain reference.
+//!
+//! Each kernel has a file with its task (its inputs and outputs), the plain reference, and a test
+//! of the reference. The references are safe code whose loops have fixed trip counts, so that a
+//! compiler vectorises them. They are `inline(always)`, so that a kernel set can compile them for
+//! its own instruction set.
+//!
+//! A kernel set is a type that implements [`Kernels`]; it equals the reference bit for bit.
+//! [`Portable`] is the reference. The crate `vgstereo-kernels` has faster sets.
+//!
+//! Kernels do not know where rows come from: they work on slices, and import nothing of this crate
+//! but [`crate::disparity`].
+
+mod aggregate;
+mod arms;
+mod convert;
+mod cost;
+mod hamming;
+mod mask;
+mod median9;
+mod nearest;
+mod neighbours;
+mod pack;
+mod recall;
+mod select;
+mod smooth;
+mod unpack;
+mod weighted_median;
+
+pub use aggregate::{AggregateRow, aggregate_paths, path_scratch_bytes};
+pub use arms::{ArmsRow, arms_row, arms_scratch_bytes};
+pub use convert::{LevelConversion, convert_row};
+pub use cost::{CostRun, NO_COST, cost_run, cost_stride};
+pub use hamming::{LANES, NO_DISTANCE, Planes, distances};
+pub use mask::{MASK_LANES, MaskBlock, mask_block};
+pub use median9::median9_row;
+pub use nearest::{Nearest, best, nearest, nth_at};
+pub use pack::{CELLS_PER_BYTE, pack_cells};
+pub(crate) use recall::pick;
+pub use recall::{RowRecall, TieBreak, recall_row};
+pub use select::{parabola_q4, parabolas_q4, select_row};
+pub use smooth::smooth_row;
+pub use unpack::{MAX_CHANNELS, PixelFormat, channel_row, luma_row};
+pub use weighted_median::{MAX_TAP_ROWS, WeightedMedianRow, weighted_median_row};
+
+/// A kernel set: the inner loops of the pipeline, for one instruction set.
+///
+/// Every method equals the plain reference with its name in this module, bit for bit. No method has
+/// a default: a set that lacks a kernel of its own forwards it to a named set, with
+/// [`forward_kernels!`](crate::forward_kernels).
+pub trait Kernels: Copy {
+    /// Whether [`Kernels::aggregate_row`] is one loop, rather than [`Kernels::aggregate_paths`]
+    /// followed by [`Kernels::select_row`].
+    const FUSES_SELECTION: bool;
+
+    /// Writes the luma of a line of `format` to `grey`; see [`luma_row`].
+    fn luma_row(&self, format: PixelFormat, line: &[u8], grey: &mut [u8]);
+
+    /// Writes one colour channel of a line of `format` to `row`; see [`channel_row`].
+    fn channel_row(&self, format: PixelFormat, line: &[u8], channel: usize, row: &mut [u8]);
+
+    /// Converts levels to the reference camera's exposure; see [`convert_row`].
+    fn convert_row(
+        &self,
+        conversion: &LevelConversion,
+        levels: &[u8],
+        low: &mut [u8],
+        high: &mut [u8],
+    );
+
+    /// Smooths a line of grey between edges; see [`smooth_row`]. If a row has fewer than two pixels
+    /// more than `smoothed`, `smoothed` stays unchanged.
+    fn smooth_row(&self, rows: [&[u8]; 3], step_max: u8, smoothed: &mut [u8]);
+
+    /// Forms eight Minchinton cells for each neuron of a run; see [`pack_cells`].
+    fn pack_cells(&self, samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]);
+
+    /// Recalls a row of neurons; see [`recall_row`].
+    fn recall_row(&self, row: &RowRecall<'_>, distances: &mut [i16], candidates_px: &mut [i16]);
+
+    /// Selects the cells on the surface of each pixel of a block; see [`mask_block`].
+    fn mask_block(&self, block: &mut MaskBlock<'_>);
+
+    /// Computes the matching costs of a run of pixels; see [`cost_run`].
+    fn cost_run(&self, run: &CostRun<'_>, costs: &mut [u8]);
+
+    /// Aggregates a row of costs along three paths, in place of the costs; see
+    /// [`aggregate_paths`].
+    fn aggregate_paths(&self, row: &mut AggregateRow<'_>);
+
+    /// Selects the best disparity of each pixel of both views; see [`select_row`].
+    fn select_row(&self, row: &mut AggregateRow<'_>);
+
+    /// Aggregates a row and selects. The outputs equal those of [`Kernels::aggregate_paths`]
+    /// followed by [`Kernels::select_row`]; the content of scratch may differ.
+    fn aggregate_row(&self, row: &mut AggregateRow<'_>);
+
+    /// Measures the arms of the cross-based vote along a line; see [`arms_row`].
+    fn arms_row(&self, row: &ArmsRow<'_>, scratch: &mut [u8], arms: &mut [i16]);
+
+    /// Filters a row by the median of 3 x 3 pixels; see [`median9_row`].
+    fn median9_row(&self, rows: [&[i16]; 3], output: &mut [i16]);
+
+    /// Filters a row by a weighted median; see [`weighted_median_row`].
+    fn weighted_median_row(
+        &self,
+        row: &WeightedMedianRow<'_>,
+        weights: &mut [u8],
+        output: &mut [i16],
+    );
+}
+
+/// The reference kernels, for every target.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Portable;
+
+impl Kernels for Portable {
+    const FUSES_SELECTION: bool = false;
+
+    #[inline]
+    fn luma_row(&self, format: PixelFormat, line: &[u8], grey: &mut [u8]) {
+        luma_row(format, line, grey);
+    }
+
+    #[inline]
+    fn channel_row(&self, format: PixelFormat, line: &[u8], channel: usize, row: &mut [u8]) {
+        channel_row(format, line, channel, row);
+    }
+
+    #[inline]
+    fn convert_row(
+        &self,
+        conversion: &LevelConversion,
+        levels: &[u8],
+        low: &mut [u8],
+        high: &mut [u8],
+    ) {
+        convert_row(conversion, levels, low, high);
+    }
+
+    #[inline]
+    fn smooth_row(&self, rows: [&[u8]; 3], step_max: u8, smoothed: &mut [u8]) {
+        smooth_row(rows, step_max, smoothed);
+    }
+
+    #[inline]
+    fn pack_cells(&self, samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
+        pack_cells(samples, packed);
+    }
+
+    #[inline]
+    fn recall_row(&self, row: &RowRecall<'_>, distances: &mut [i16], candidates_px: &mut [i16]) {
+        recall_row(row, distances, candidates_px);
+    }
+
+    #[inline]
+    fn mask_block(&self, block: &mut MaskBlock<'_>) {
+        mask_block(block);
+    }
+
+    #[inline]
+    fn cost_run(&self, run: &CostRun<'_>, costs: &mut [u8]) {
+        cost_run(run, costs);
+    }
+
+    #[inline]
+    fn aggregate_paths(&self, row: &mut AggregateRow<'_>) {
+        aggregate_paths(row);
+    }
+
+    #[inline]
+    fn select_row(&self, row: &mut AggregateRow<'_>) {
+        select_row(row);
+    }
+
+    #[inline]
+    fn aggregate_row(&self, row: &mut AggregateRow<'_>) {
+        self.aggregate_paths(row);
+        self.select_row(row);
+    }
+
+    #[inline]
+    fn arms_row(&self, row: &ArmsRow<'_>, scratch: &mut [u8], arms: &mut [i16]) {
+        arms_row(row, scratch, arms);
+    }
+
+    #[inline]
+    fn median9_row(&self, rows: [&[i16]; 3], output: &mut [i16]) {
+        median9_row(rows, output);
+    }
+
+    #[inline]
+    fn weighted_median_row(
+        &self,
+        row: &WeightedMedianRow<'_>,
+        weights: &mut [u8],
+        output: &mut [i16],
+    ) {
+        weighted_median_row(row, weights, output);
+    }
+}
+
+/// Writes methods of an implementation of [`Kernels`] that call those
+/// of another set. Every kernel is named, so that a set that forgets one does not compile.
+///
+/// `set => expression;` names the set itself and gives the one to call. With
+/// `within |body| expression`, the call is a closure `body`, for a set that does something
+/// around it, such as measuring.
+///
+/// ```
+/// use vgstereo_core::kernel::{Kernels, Portable};
+///
+/// /// Counts its calls of two kernels.
+/// #[derive(Clone, Copy)]
+/// struct Counting<'a>(&'a core::cell::Cell<u32>);
+///
+/// impl Kernels for Counting<'_> {
+///     const FUSES_SELECTION: bool = Portable::FUSES_SELECTION;
+///
+///     vgstereo_core::forward_kernels!(set => &Portable; luma_row, channel_row, convert_row,
+///         smooth_row, pack_cells, recall_row, mask_block, aggregate_paths, select_row,
+///         aggregate_row, arms_row, weighted_median_row);
+///     vgstereo_core::forward_kernels!(set => &Portable, within |body| {
+///         set.0.set(set.0.get() + 1);
+///         body()
+///     }; cost_run, median9_row);
+/// }
+///
+/// let calls = core::cell::Cell::new(0);
+/// let mut median = [0];
+/// Counting(&calls).median9_row([&[1, 2, 3], &[4, 5, 6], &[7, 8, 9]], &mut median);
+/// assert_eq!((calls.get(), median), (1, [5]));
+/// ```
+#[macro_export]
+macro_rules! forward_kernels {
+    ($set:ident => $to:expr; $($kernel:ident),+ $(,)?) => {
+        $crate::forward_kernels!($set => $to, within |body| body(); $($kernel),+);
+    };
+    ($set:ident => $to:expr, within |$body:ident| $within:expr; $($kernel:ident),+ $(,)?) => {
+        $($crate::forward_kernels!(@ $kernel, $set, $to, $body, $within);)+
+    };
+    (@ luma_row, $($how:tt)+) => {
+        $crate::forward_kernels!(@@ luma_row(
+            format: $crate::kernel::PixelFormat,
+            line: &[u8],
+            grey: &mut [u8]
+        ), $($how)+);
+    };
+    (@ channel_row, $($how:tt)+) => {
+        $crate::forward_kernels!(@@ channel_row(
+            format: $crate::kernel::PixelFormat,
+            line: &[u8],
+            channel: usize,
+            row: &mut [u8]
+        ), $($how)+);
+    };
+    (@ convert_row, $($how:tt)+) => {
+        $crate::forward_kernels!(@@ convert_row(
+            conversion: &$crate::kernel::LevelConversion,
+            levels: &[u8],
+            low: &mut [u8],
+            high: &mut [u8]
+        ), $($how)+);
+    };
+    (@ smooth_row, $($how:tt)+) => {
+        $crate::forward_kernels!(@@ smooth_row(
+            rows: [&[u8]; 3],
+            step_max: u8,
+            smoothed: &mut [u8]
+        ), $($how)+);
+    };
+    (@ pack_cells, $($how:tt)+) => {
+        $crate::forward_kernels!(@@ pack_cells(
+            samples: &[&[u8]; $crate::kernel::CELLS_PER_BYTE + 1],
+            packed: &mut [u8]
+        ), $($how)+);
+    };
+    (@ recall_row, $($how:tt)+) => {
+        $crate::forward_kernels!(@@ recall_row(
+            row: &$crate::kernel::RowRecall<'_>,
+            distances: &mut [i16],
+            candidates_px: &mut [i16]
+        ), $($how)+);
+    };
+    (@ mask_block, $($how:tt)+) => {
+        $crate::forward_kernels!(@@ mask_block(
+            block: &mut $crate::kernel::MaskBlock<'_>
+        ), $($how)+);
+    };
+    (@ cost_run, $($how:tt)+) => {
+        $crate::forward_kernels!(@@ cost_run(
+            run: &$crate::kernel::CostRun<'_>,
+            costs: &mut [u8]
+        ), $($how)+);
+    };
+    (@ aggregate_paths, $($how:tt)+) => {
+        $crate::forward_kernels!(@@ aggregate_paths(
+            row: &mut $crate::kernel::AggregateRow<'_>
+        ), $($how)+);
+    };
+    (@ select_row, $($how:tt)+) => {
+        $crate::forward_kernels!(@@ select_row(
+            row: &mut $crate::kernel::AggregateRow<'_>
+        ), $($how)+);
+    };
+    (@ aggregate_row, $($how:tt)+) => {
+        $crate::forward_kernels!(@@ aggregate_row(
+            row: &mut $crate::kernel::AggregateRow<'_>
+        ), $($how)+);
+    };
+    (@ arms_row, $($how:tt)+) => {
+        $crate::forward_kernels!(@@ arms_row(
+            row: &$crate::kernel::ArmsRow<'_>,
+            scratch: &mut [u8],
+            arms: &mut [i16]
+        ), $($how)+);
+    };
+    (@ median9_row, $($how:tt)+) => {
+        $crate::forward_kernels!(@@ median9_row(
+            rows: [&[i16]; 3],
+            output: &mut [i16]
+        ), $($how)+);
+    };
+    (@ weighted_median_row, $($how:tt)+) => {
+        $crate::forward_kernels!(@@ weighted_median_row(
+            row: &$crate::kernel::WeightedMedianRow<'_>,
+            weights: &mut [u8],
+            output: &mut [i16]
+        ), $($how)+);
+    };
+    (@@ $kernel:ident($($argument:ident: $type:ty),+), $set:ident, $to:expr, $body:ident, $within:expr) => {
+        #[inline]
+        fn $kernel(&self, $($argument: $type),+) {
+            #[allow(unused_variables)]
+            let $set = self;
+            #[allow(unused_mut)]
+            let mut $body = || $crate::kernel::Kernels::$kernel($to, $($argument),+);
+            $within
+        }
+    };
+}

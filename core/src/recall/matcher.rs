@@ -1,0 +1,227 @@
+//! The streaming matcher of the paper's method: takes lines of both views, returns rows of
+//! candidates.
+
+use crate::config::{Config, ConfigError, RecallParameters};
+use crate::disparity::Reference;
+use crate::kernel::{Kernels, LANES, RowRecall};
+use crate::pattern::{PatternRow, Sampler, Synapses};
+use crate::rows::{Arena, Line, Order, Part, Parts, View, ViewSize, words};
+
+/// Takes pairs of lines and returns one row of candidate disparities for each, `support.y_px` lines
+/// later.
+#[derive(Debug)]
+pub struct RecallMatcher<'m, K> {
+    kernels: K,
+    reference: View<'m>,
+    other: View<'m>,
+    sampler: Sampler<'m>,
+    /// Patterns of the reference view.
+    inputs: PatternRow<'m>,
+    /// Patterns of the other view.
+    stored: PatternRow<'m>,
+    distances: &'m mut [i16],
+    candidates_px: &'m mut [i16],
+    recall: RecallParameters,
+    config: Config,
+}
+
+impl RecallMatcher<'_, ()> {
+    /// The parts of the matcher. With `W` columns (region `w`), `D` disparities, `n` synapses,
+    /// support `(X, Y)` and `k` candidates, they take, each rounded up to words:
+    ///
+    /// | part | bytes |
+    /// |---|---|
+    /// | synapses | `2 n` |
+    /// | views | `2 (2 Y + 1) (W + 2 X)` |
+    /// | patterns | `(W + w + 32) n / 8` |
+    /// | recall | `2 D`, `D` rounded up to 16, and `2 k w` |
+    pub(crate) const fn parts(config: &Config, recall: &RecallParameters) -> Parts {
+        let parameters = &config.parameters;
+        let synapses = parameters.synapses as usize;
+        let columns = config.region.width as usize;
+        let width = config.width as usize;
+        let ahead = parameters.support.y_px as u32;
+        let patterns = words(PatternRow::bytes(columns, synapses), 1)
+            + words(PatternRow::bytes(width, synapses), 1);
+        let distances = (config.disparities.count as usize).next_multiple_of(LANES);
+        let recalled = words(distances, size_of::<i16>())
+            + words(recall.candidates as usize * columns, size_of::<i16>());
+        Parts::NONE
+            .and(Part::memory(
+                "synapses",
+                Sampler::words(parameters.synapses),
+            ))
+            .and(Part::memory("views", 2 * view_size(config).words()))
+            .and(Part {
+                name: "patterns",
+                words: patterns,
+                look_back_lines: 2 * ahead,
+                latency_lines: ahead,
+            })
+            .and(Part::memory("recall", recalled))
+    }
+}
+
+/// Shape of either view: the lines that patterns sample.
+const fn view_size(config: &Config) -> ViewSize {
+    let support = config.parameters.support;
+    ViewSize {
+        width: config.width as usize,
+        grey_lines: Sampler::window_lines(support.y_px),
+        grey_padding: support.x_px as usize,
+        colour_lines: 0,
+        colour_padding: 0,
+        smoothed_lines: 0,
+        smoothing_step: 0,
+        moving: false,
+    }
+}
+
+impl<'m, K: Kernels> RecallMatcher<'m, K> {
+    /// Words of memory.
+    #[must_use]
+    pub const fn words(config: &Config, recall: &RecallParameters) -> usize {
+        RecallMatcher::parts(config, recall).words()
+    }
+
+    /// Draws the synapses and carves the memory.
+    ///
+    /// # Errors
+    /// [`ConfigError`] when `config` is not valid or the arena has fewer than
+    /// [`RecallMatcher::words`] left.
+    pub fn new(
+        config: &Config,
+        recall: &RecallParameters,
+        kernels: K,
+        arena: &mut Arena<'m>,
+    ) -> Result<Self, ConfigError> {
+        config.validate()?;
+        // Rising disparities must be rising positions: see the module above.
+        let other_order = match config.reference {
+            Reference::Left => Order::Mirrored,
+            Reference::Right => Order::Columns,
+        };
+        let disparities = usize::from(config.disparities.count);
+        let columns = usize::from(config.region.width);
+        let synapses = usize::from(config.parameters.synapses);
+        Ok(Self {
+            kernels,
+            sampler: Sampler::new(config, arena)?,
+            reference: View::new(view_size(config), Order::Columns, arena)?,
+            other: View::new(view_size(config), other_order, arena)?,
+            inputs: PatternRow::new(columns, synapses, arena)?,
+            stored: PatternRow::new(config.width.into(), synapses, arena)?,
+            distances: arena.take(disparities.next_multiple_of(LANES))?,
+            candidates_px: arena.take(usize::from(recall.candidates) * columns)?,
+            recall: *recall,
+            config: *config,
+        })
+    }
+
+    /// The synapses drawn.
+    #[must_use]
+    pub fn synapses(&self) -> Synapses<'m> {
+        self.sampler.synapses()
+    }
+
+    /// Forgets the frame: the next pair is that of line 0.
+    pub fn reset(&mut self) {
+        self.sampler.reset();
+        self.reference.clear();
+        self.other.clear();
+    }
+
+    /// Number of lines of the frame whose rows are done, those outside the region included.
+    pub(crate) fn rows_out(&self) -> u32 {
+        self.sampler.rows_out()
+    }
+
+    /// Takes the next pair of lines, of the configured width. If this completes a row inside the
+    /// region of interest, returns its line in the frame; the row is then
+    /// [`RecallMatcher::candidates_px`].
+    pub fn push(
+        &mut self,
+        left: &(impl Line + ?Sized),
+        right: &(impl Line + ?Sized),
+    ) -> Option<u32> {
+        match self.config.reference {
+            Reference::Left => {
+                self.reference.push(left, &self.kernels);
+                self.other.push(right, &self.kernels);
+            }
+            Reference::Right => {
+                self.reference.push(right, &self.kernels);
+                self.other.push(left, &self.kernels);
+            }
+        }
+        let line = self.sampler.next_row(self.reference.lines(), false)?;
+        self.recall(line);
+        Some(line)
+    }
+
+    /// Completes the next row inside the region after the last pair and returns its line, or `None`
+    /// if there are no more.
+    pub fn flush(&mut self) -> Option<u32> {
+        let line = self.sampler.next_row(self.reference.lines(), true)?;
+        self.recall(line);
+        Some(line)
+    }
+
+    /// The row last completed: planes of `region.width` disparities, px; see
+    /// [`recall_row`](crate::kernel::recall_row).
+    #[must_use]
+    pub fn candidates_px(&self) -> &[i16] {
+        self.candidates_px
+    }
+
+    fn recall(&mut self, line: u32) {
+        let region = &self.config.region;
+        let columns = usize::from(region.width);
+        let column = usize::from(region.x);
+        let width = usize::from(self.config.width);
+        // The minimum and the column fit `i16` and `u16`, and so `isize` with room.
+        let minimum = self.config.disparities.minimum_px as isize;
+        let (first, step) = match self.config.reference {
+            Reference::Left => ((width - 1 - column) as isize + minimum, -1),
+            Reference::Right => (column as isize + minimum, 1),
+        };
+        let disparities = usize::from(self.config.disparities.count);
+        let used = used_positions(first, step, columns, disparities, width);
+        for (view, positions, patterns) in [
+            (&self.reference, column..column + columns, &mut self.inputs),
+            (&self.other, used.clone(), &mut self.stored),
+        ] {
+            self.sampler
+                .observe(view, line, positions, patterns, &self.kernels);
+        }
+        let row = RowRecall {
+            inputs: self.inputs.planes(),
+            count: columns,
+            stored: self.stored.planes(),
+            stored_count: used.len(),
+            first: first - used.start as isize,
+            step,
+            minimum_px: self.config.disparities.minimum_px,
+            disparities,
+            candidates: usize::from(self.recall.candidates),
+            ties: self.recall.ties,
+            line,
+            column: u32::from(region.x),
+        };
+        self.kernels
+            .recall_row(&row, self.distances, self.candidates_px);
+    }
+}
+
+/// The stored positions of the other view that `columns` neurons can reach, clamped to the row.
+fn used_positions(
+    first: isize,
+    step: isize,
+    columns: usize,
+    disparities: usize,
+    width: usize,
+) -> core::ops::Range<usize> {
+    let last = first + step * (columns as isize - 1);
+    let clamp = |position: isize| position.max(0).unsigned_abs().min(width);
+    clamp(first.min(last))..clamp(first.max(last) + disparities as isize)
+}

@@ -1,0 +1,25 @@
+//! Rows: the lent working memory, and the lines stored in it.
+//!
+//! [`Arena`] carves the lent block. `Ring` keeps the newest rows of any kind, and [`Strip`] the
+//! newest lines of one channel, padded so that every sample of a pattern is a plain read. [`View`]
+//! keeps the newest lines of one camera: grey, colour and smoothed grey, each in a strip. A
+//! [`Line`] is the input of the matcher. `Found` is the state of a pixel in a row of disparities.
+
+mod arena;
+mod copy;
+mod found;
+mod line;
+mod ring;
+mod stage;
+mod strip;
+mod views;
+
+pub use arena::{Arena, OutOfMemory, words};
+pub(crate) use copy::copy_common;
+pub(crate) use found::Found;
+pub use line::{ColourRows, Line};
+pub(crate) use ring::{Lookahead, Ring};
+pub use stage::Part;
+pub(crate) use stage::{Parts, RowStage, Then};
+pub use strip::{Offset, Order, Strip, StripWindow};
+pub use views::{View, ViewSize};

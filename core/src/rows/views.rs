@@ -1,0 +1,204 @@
+//! Views: the newest lines of one camera, for all parts that read them.
+
+use super::arena::{Arena, OutOfMemory};
+use super::copy::copy_common;
+use super::line::Line;
+use super::strip::{Order, Strip};
+use crate::kernel::{Kernels, MAX_CHANNELS};
+
+/// The newest lines of one view: grey; red, green and blue if there is colour; and smoothed grey,
+/// each in a strip of its own.
+#[derive(Debug)]
+pub struct View<'m> {
+    grey: Strip<'m>,
+    keeps_grey: bool,
+    colour: Option<[Strip<'m>; MAX_CHANNELS]>,
+    /// Smoothed grey. The newest line is stored unsmoothed until the line below comes.
+    smoothed: Option<Strip<'m>>,
+    step_max: u8,
+}
+
+/// Shape of a [`View`].
+#[derive(Debug, Clone, Copy)]
+pub struct ViewSize {
+    /// Columns, px.
+    pub width: usize,
+    /// Number of lines of grey that are kept; 0 if grey is not used.
+    pub grey_lines: usize,
+    /// Copies of the first and last pixel at the ends of a line of grey, px.
+    pub grey_padding: usize,
+    /// Number of lines of each colour channel that are kept; 0 without colour.
+    pub colour_lines: usize,
+    /// Copies of the first and last pixel at the ends of a line of a colour channel, px.
+    pub colour_padding: usize,
+    /// Number of lines of smoothed grey that are kept, padded as grey is; 0 if nothing is smoothed.
+    pub smoothed_lines: usize,
+    /// Largest step between neighbours that is smoothed, levels.
+    pub smoothing_step: u8,
+    /// Whether lines are moved up or down by a fraction of a line: see [`Strip::push_moved`].
+    pub moving: bool,
+}
+
+impl ViewSize {
+    /// Words of memory of such a view.
+    #[must_use]
+    pub const fn words(&self) -> usize {
+        let moving = if self.moving {
+            Strip::moving_words(self.width)
+        } else {
+            0
+        };
+        let mut total = 0;
+        if self.grey_lines > 0 {
+            total += Strip::words(self.width, self.grey_padding, self.grey_lines) + moving;
+        }
+        if self.colour_lines > 0 {
+            let strip = Strip::words(self.width, self.colour_padding, self.colour_lines);
+            total += MAX_CHANNELS * (strip + moving);
+        }
+        total + Strip::words(self.width, self.grey_padding, self.smoothed_lines)
+    }
+
+    /// Number of channels of [`View::channels`]: 3 with colour, else 1.
+    #[must_use]
+    pub const fn channels(&self) -> usize {
+        if self.colour_lines > 0 {
+            MAX_CHANNELS
+        } else {
+            1
+        }
+    }
+}
+
+impl<'m> View<'m> {
+    /// An empty view.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] when the arena has fewer than [`ViewSize::words`] left.
+    pub fn new(size: ViewSize, order: Order, arena: &mut Arena<'m>) -> Result<Self, OutOfMemory> {
+        let width = size.width;
+        let mut strip = |padding, lines, moving| {
+            let strip = Strip::new(width, padding, lines, order, arena)?;
+            if moving {
+                strip.moving(arena)
+            } else {
+                Ok(strip)
+            }
+        };
+        let keeps_grey = size.grey_lines > 0;
+        let grey = strip(
+            size.grey_padding,
+            size.grey_lines,
+            size.moving && keeps_grey,
+        )?;
+        let colour = if size.colour_lines > 0 {
+            let mut channel = || strip(size.colour_padding, size.colour_lines, size.moving);
+            Some([channel()?, channel()?, channel()?])
+        } else {
+            None
+        };
+        let smoothed = if size.smoothed_lines > 0 {
+            Some(strip(size.grey_padding, size.smoothed_lines, false)?)
+        } else {
+            None
+        };
+        Ok(Self {
+            grey,
+            keeps_grey,
+            colour,
+            smoothed,
+            step_max: size.smoothing_step,
+        })
+    }
+
+    /// Takes the next line, of the view's width, with colour where the view keeps it.
+    pub fn push(&mut self, line: &(impl Line + ?Sized), kernels: &impl Kernels) {
+        self.push_moved(line, 0, kernels);
+    }
+
+    /// Takes the next line of a view whose lines lie `offset_q4` too low, 1/16 line: see
+    /// [`Strip::push_moved`].
+    pub fn push_moved(
+        &mut self,
+        line: &(impl Line + ?Sized),
+        offset_q4: i8,
+        kernels: &impl Kernels,
+    ) {
+        if let Some(colour) = &mut self.colour {
+            for (channel, strip) in colour.iter_mut().enumerate() {
+                strip.push_moved(offset_q4, |row| line.write_channel(channel, row));
+            }
+        }
+        if self.keeps_grey {
+            self.grey.push_moved(offset_q4, |row| line.write_grey(row));
+            self.smooth(kernels);
+        }
+    }
+
+    /// Smooths the line above the newest, which has now come. A line that was moved when the newest
+    /// came is smoothed as moved.
+    fn smooth(&mut self, kernels: &impl Kernels) {
+        let (Some(smoothed), Some(newest)) = (&mut self.smoothed, self.grey.lines().checked_sub(1))
+        else {
+            return;
+        };
+        let grey = &self.grey;
+        if let Some(line) = newest.checked_sub(1) {
+            // The padding is at least one pixel if lines are smoothed.
+            let around = [line.saturating_sub(1), line, newest].map(|line| grey.padded(line));
+            smoothed.store(line, |levels| {
+                kernels.smooth_row(around, self.step_max, levels);
+            });
+        }
+        smoothed.store(newest, |levels| copy_common(levels, grey.row(newest)));
+    }
+
+    /// Forgets the frame: the next line is line 0.
+    pub fn clear(&mut self) {
+        self.grey.clear();
+        for strip in self.colour.iter_mut().flatten() {
+            strip.clear();
+        }
+        if let Some(smoothed) = &mut self.smoothed {
+            smoothed.clear();
+        }
+    }
+
+    /// Number of lines of grey that have come since the frame began.
+    #[must_use]
+    pub fn lines(&self) -> u32 {
+        self.grey.lines()
+    }
+
+    /// Grey.
+    #[must_use]
+    pub fn grey(&self) -> &Strip<'m> {
+        &self.grey
+    }
+
+    /// Smoothed grey, or grey if nothing is smoothed.
+    #[must_use]
+    pub fn smoothed(&self) -> &Strip<'m> {
+        self.smoothed.as_ref().unwrap_or(&self.grey)
+    }
+
+    /// Red, green and blue, or grey alone without colour.
+    #[must_use]
+    pub fn channels(&self) -> &[Strip<'m>] {
+        match &self.colour {
+            Some(colour) => colour,
+            None => core::slice::from_ref(&self.grey),
+        }
+    }
+
+    /// Line `line` of each of the [`View::channels`], in stored order; empty for channels that do
+    /// not exist.
+    #[must_use]
+    pub fn rows(&self, line: u32) -> [&[u8]; MAX_CHANNELS] {
+        let mut rows = [&[][..]; MAX_CHANNELS];
+        for (row, channel) in rows.iter_mut().zip(self.channels()) {
+            *row = channel.row(line);
+        }
+        rows
+    }
+}

@@ -1,0 +1,120 @@
+//! The checks of a row of selected disparities: left-right, uniqueness and texture.
+
+use crate::rows::Found;
+
+/// A row of selected disparities, to be checked.
+///
+/// The left-right check rejects a pixel whose match lies outside the other view or has another
+/// best disparity itself. A pixel whose margin is too small (uniqueness), or whose surroundings
+/// have too little texture, is in doubt. Texture is the sum of the absolute steps from pixel to
+/// pixel along the line, over the pixels at most `reach` away.
+#[derive(Debug, Clone, Copy)]
+pub struct RowCheck<'a> {
+    /// [`AggregateRow::best`](crate::kernel::AggregateRow::best).
+    pub best: &'a [u16],
+    /// [`AggregateRow::refined_index_q4`](crate::kernel::AggregateRow::refined_index_q4).
+    pub refined_index_q4: &'a [i16],
+    /// [`AggregateRow::margins`](crate::kernel::AggregateRow::margins).
+    pub margins: &'a [i16],
+    /// [`AggregateRow::other_best`](crate::kernel::AggregateRow::other_best).
+    pub other_best: &'a [u32],
+    /// Lowest disparity, px.
+    pub minimum_px: i16,
+    /// Largest difference between the disparities of the two views, px.
+    pub tolerance_px: u8,
+    /// Smallest margin of a pixel that is not in doubt.
+    pub margin: i16,
+    /// Grey levels of the line, with `reach` more pixels at both ends.
+    pub grey: &'a [u8],
+    /// Reach of the window over which texture is summed, px, at most 128.
+    pub reach: usize,
+    /// Smallest texture of a pixel that is not in doubt, levels; 0 accepts all.
+    pub texture_min: u16,
+}
+
+impl RowCheck<'_> {
+    /// The position, in the stored order of the other view, of the match of pixel `x` at the
+    /// disparity of index `best`; `None` outside the view.
+    #[must_use]
+    #[inline(always)]
+    pub fn position(&self, x: usize, best: u16) -> Option<usize> {
+        let count = self.best.len();
+        // Before the first pixel the position wraps round, and is then beyond the last.
+        let position =
+            (count - 1 - x + usize::from(best)).wrapping_add_signed(self.minimum_px.into());
+        (position < count).then_some(position)
+    }
+
+    /// Writes the state of each pixel, as stored values of [`Found`], and its confidence: the
+    /// margin, clamped to 1 to 255, if its disparity holds, else 0.
+    pub fn write(&self, found: &mut [i16], confidences: &mut [u8]) {
+        let count = self.best.len();
+        // The other view's best matches at the positions of its pixels.
+        let minimum_px = isize::from(self.minimum_px);
+        let start = (-minimum_px).max(0).unsigned_abs();
+        let end = count.saturating_add_signed(-minimum_px);
+        let others = self.other_best.get(..end.min(self.other_best.len()));
+        let others = others
+            .and_then(|others| others.get(start..))
+            .unwrap_or_default();
+        // Without branches, because it is hard to predict where the views agree. First, masks of
+        // all ones where they do.
+        for (x, (&best, agrees)) in self.best.iter().zip(&mut *found).enumerate() {
+            // Before the first of them the position wraps round, and is then beyond the last.
+            let position = (count - 1 - x + usize::from(best)).wrapping_sub(start);
+            // The low half is the other pixel's index; that of no match is far from every index.
+            let other = others.get(position).map_or(u16::MAX, |&other| other as u16);
+            *agrees = -i16::from(other.abs_diff(best) <= self.tolerance_px.into());
+        }
+        let pixels = self.refined_index_q4.iter().zip(self.margins);
+        let outputs = found.iter_mut().zip(confidences.iter_mut());
+        for ((&refined_index_q4, &margin), (found, confidence)) in pixels.zip(outputs) {
+            let agrees = *found;
+            let is_clear = -i16::from(margin >= self.margin);
+            *found = Found::select(refined_index_q4, agrees, is_clear).stored();
+            *confidence = (margin.clamp(1, 255) & is_clear & agrees) as u8;
+        }
+        if self.texture_min == 0 {
+            return;
+        }
+        let textures = textures(self.grey, self.reach);
+        for ((found, confidence), texture) in found.iter_mut().zip(confidences).zip(textures) {
+            if texture < self.texture_min {
+                *found = Found::of(*found).doubted().stored();
+                *confidence = 0;
+            }
+        }
+    }
+
+    /// Positions of every `STEP`th pixel whose disparity holds, and of its match in the stored
+    /// order of the other view.
+    pub(super) fn matches<const STEP: usize>(
+        &self,
+        confidences: &[u8],
+    ) -> impl Iterator<Item = (usize, usize)> {
+        let pixels = confidences.chunks(STEP).zip(self.best.chunks(STEP));
+        let pixels = (0..).step_by(STEP).zip(pixels);
+        pixels.filter_map(|(x, (confidences, best))| {
+            let (&confidence, &best) = confidences.first().zip(best.first())?;
+            let position = self.position(x, best).filter(|_| confidence > 0)?;
+            Some((x, position))
+        })
+    }
+}
+
+/// The texture of each pixel of a line that has `reach` more pixels at both ends.
+fn textures(grey: &[u8], reach: usize) -> impl Iterator<Item = u16> {
+    let steps = || {
+        let pairs = grey.iter().zip(grey.iter().skip(1));
+        pairs.map(|(&a, &b)| u16::from(a.abs_diff(b)))
+    };
+    let mut entering = steps().skip(2 * reach);
+    let mut leaving = steps();
+    let first: u16 = steps().take(2 * reach).sum();
+    let pixels = grey.len().saturating_sub(2 * reach);
+    core::iter::successors(Some(first), move |texture| {
+        // This does not wrap: the step that leaves the window is part of the sum.
+        Some(texture + entering.next().unwrap_or(0) - leaving.next().unwrap_or(0))
+    })
+    .take(pixels)
+}

@@ -1,0 +1,90 @@
+//! Fill: a pixel without a disparity takes that of the background beside it.
+//!
+//! A surface that only one view sees (occlusion) belongs to the background: the smaller of the
+//! nearest disparities on the left and on the right (Hirschmueller 2008, Section 2.5).
+
+use super::border::Border;
+use super::surroundings::Surroundings;
+use crate::config::Config;
+use crate::disparity::{INVALID, STEPS_PER_PX};
+use crate::rows::{Found, RowStage};
+
+/// Fill of a row: extends the border, keeps the disparities still in doubt, and fills the gaps. It
+/// takes rows of stored values of [`Found`], and returns rows of disparities counted from the
+/// lowest, 1/16 px, without latency. A row without any disparity stays without.
+#[derive(Debug)]
+pub(super) struct Fill {
+    border: Border,
+    largest_index_q4: i16,
+}
+
+impl Fill {
+    /// A fill for the disparities of `config`.
+    pub(super) fn new(config: &Config) -> Self {
+        // The number of disparities is bounded so that this fits 16 bits.
+        let largest_px = config.disparities.count.saturating_sub(1) as i16;
+        Self {
+            border: Border::default(),
+            largest_index_q4: largest_px * STEPS_PER_PX,
+        }
+    }
+}
+
+impl RowStage<Surroundings<'_, '_, '_>> for Fill {
+    fn reset(&mut self) {
+        self.border.reset();
+    }
+
+    fn push(&mut self, row: &mut [i16], _: &mut Surroundings<'_, '_, '_>) -> bool {
+        self.border.extend(row, self.largest_index_q4);
+        for found in row.iter_mut() {
+            *found = Found::of(*found).confirmed().stored();
+        }
+        fill_row(row);
+        true
+    }
+
+    fn flush(&mut self, _: &mut [i16], _: &mut Surroundings<'_, '_, '_>) -> bool {
+        false
+    }
+}
+
+/// Fills the gaps of a row of disparities; a row without any disparity stays as it is.
+fn fill_row(row: &mut [i16]) {
+    let mut from = 0;
+    while let Some(known) = row.iter().skip(from).position(|&found| found == INVALID) {
+        let start = from + known;
+        let length = row
+            .iter()
+            .skip(start)
+            .take_while(|&&found| found == INVALID);
+        let end = start + length.count();
+        let before = start.checked_sub(1).and_then(|left| row.get(left));
+        let fill = before.into_iter().chain(row.get(end)).min().copied();
+        if let (Some(fill), Some(gap)) = (fill, row.get_mut(start..end)) {
+            gap.fill(fill);
+        }
+        from = end;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaps_take_the_smaller_neighbour() {
+        const X: i16 = INVALID;
+        let filled = |mut row: [i16; 8]| {
+            fill_row(&mut row);
+            row
+        };
+        assert_eq!(filled([X, X, 5, X, 9, X, 7, X]), [5, 5, 5, 5, 9, 7, 7, 7]);
+        assert_eq!(
+            filled([1, X, X, X, X, X, X, -2]),
+            [1, -2, -2, -2, -2, -2, -2, -2]
+        );
+        assert_eq!(filled([X; 8]), [X; 8]);
+        assert_eq!(filled([1, 2, 3, 4, 5, 6, 7, 8]), [1, 2, 3, 4, 5, 6, 7, 8]);
+    }
+}

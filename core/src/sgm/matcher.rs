@@ -1,0 +1,475 @@
+//! The streaming matcher of the SGM method: takes lines of both views, returns rows of checked
+//! disparities.
+
+use super::alignment::{Alignment, GreyRows, Match};
+use super::check::RowCheck;
+use super::exposure::Exposure;
+use super::masks::{RowMasks, SgmMasks, block_first};
+use super::penalties::write_penalties;
+use super::plan::SgmPlan;
+use crate::config::{Config, ConfigError, SgmParameters};
+use crate::disparity::{Reference, STEPS_PER_PX};
+use crate::kernel::{
+    AggregateRow, CELLS_PER_BYTE, CostRun, Kernels, MASK_LANES, MAX_CHANNELS, Planes,
+    path_scratch_bytes,
+};
+use crate::pattern::{PatternRow, Sampler, Synapses};
+use crate::rows::{Arena, Line, Strip, View};
+
+/// Largest number of pixels of a run of costs without masks.
+const RUN_LANES: usize = 128;
+
+/// Takes pairs of lines and returns one row of checked disparities for each, `support.y_px` lines
+/// later, in the order in which the reference view is stored.
+#[derive(Debug)]
+pub struct SgmMatcher<'m, K, M = SgmMasks<'m, K>> {
+    kernels: K,
+    sampler: Sampler<'m>,
+    reference: View<'m>,
+    other: View<'m>,
+    exposure: Exposure,
+    alignment: Alignment,
+    /// Source of masks; `None` if every cell counts.
+    masks: Option<M>,
+    /// Cost of one differing cell, 1/256 of a cost, by the number of unmasked cells.
+    cell_costs_q8: &'m mut [u16],
+    costs: &'m mut [u8],
+    /// Path costs from the right; before they are computed, [`CostInputs`].
+    from_right: &'m mut [u8],
+    from_above: &'m mut [u8],
+    p2_along: &'m mut [u8],
+    p2_down: &'m mut [u8],
+    paths: &'m mut [u8],
+    sums: &'m mut [i16],
+    other_best: &'m mut [u32],
+    best: &'m mut [u16],
+    refined_index_q4: &'m mut [i16],
+    margins: &'m mut [i16],
+    found: &'m mut [i16],
+    confidences: &'m mut [u8],
+    parameters: SgmParameters,
+    config: Config,
+    plan: SgmPlan,
+}
+
+/// Inputs of the matching costs of a row.
+#[derive(Debug)]
+struct CostInputs<'s> {
+    /// Lowest levels of the reference view that equal those of the other view, by stored
+    /// position, channel by channel.
+    low: &'s mut [u8],
+    /// Highest levels of the reference view that equal those of the other view, likewise.
+    high: &'s mut [u8],
+    /// Patterns of the reference view.
+    own: PatternRow<'s>,
+    /// Patterns of the other view, by stored position.
+    stored: PatternRow<'s>,
+    /// Scratch of the masks.
+    cells: &'s mut [u8],
+}
+
+impl<'s> CostInputs<'s> {
+    /// Places the inputs in `scratch`, of [`SgmPlan::right_path_bytes`] and any content.
+    fn over(scratch: &'s mut [u8], plan: &SgmPlan, synapses: u16) -> Self {
+        let synapses = usize::from(synapses);
+        let mut rest = scratch;
+        let mut part = |bytes: usize| rest.split_off_mut(..bytes).unwrap_or_default();
+        let mut patterns =
+            |width| PatternRow::over(part(PatternRow::bytes(width, synapses)), width, synapses);
+        let (own, stored) = (patterns(plan.width), patterns(plan.positions));
+        Self {
+            own,
+            stored,
+            low: part(plan.level_bytes),
+            high: part(plan.level_bytes),
+            cells: rest,
+        }
+    }
+}
+
+impl<'m, K: Kernels> SgmMatcher<'m, K> {
+    /// Words of memory; the largest parts are three bytes per pixel of a line and disparity, the
+    /// number of disparities rounded up to 16.
+    #[must_use]
+    pub const fn words(config: &Config, sgm: &SgmParameters) -> usize {
+        SgmPlan::new(config, sgm).parts(config, sgm).words()
+    }
+
+    /// Draws the synapses and carves the memory.
+    ///
+    /// # Errors
+    /// [`ConfigError`] when `config` is not valid or the arena has fewer than
+    /// [`SgmMatcher::words`] left.
+    pub fn new(
+        config: &Config,
+        sgm: &SgmParameters,
+        kernels: K,
+        arena: &mut Arena<'m>,
+    ) -> Result<Self, ConfigError> {
+        let mut matcher = Self::with_masks(config, sgm, kernels, None, arena)?;
+        let synapses = matcher.synapses();
+        matcher.masks = SgmMasks::new(config, sgm, synapses, kernels, arena)?;
+        Ok(matcher)
+    }
+}
+
+impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
+    /// Builds a matcher with another source of masks; `None` if every cell counts. It takes
+    /// [`SgmMatcher::words`] less [`SgmMasks::words`].
+    ///
+    /// # Errors
+    /// [`ConfigError`] if `config` is not valid or the arena is too small.
+    pub fn with_masks(
+        config: &Config,
+        sgm: &SgmParameters,
+        kernels: K,
+        masks: Option<M>,
+        arena: &mut Arena<'m>,
+    ) -> Result<Self, ConfigError> {
+        config.validate()?;
+        let plan = SgmPlan::new(config, sgm);
+        let synapses = usize::from(config.parameters.synapses);
+        let (width, stride) = (plan.width, plan.stride);
+        let [order, other_order] = SgmPlan::orders(config.reference);
+        Ok(Self {
+            kernels,
+            sampler: Sampler::new(config, arena)?,
+            reference: View::new(plan.reference, order, arena)?,
+            other: View::new(plan.other, other_order, arena)?,
+            exposure: Exposure::new(),
+            alignment: Alignment::new(sgm.line_offset_max_q4, config.parameters.support),
+            masks,
+            cell_costs_q8: cell_costs(sgm, arena.take(synapses + 1)?),
+            costs: arena.take(width * stride)?,
+            from_right: arena.take(plan.right_path_bytes)?,
+            from_above: arena.take(width * stride)?,
+            p2_along: arena.take(width)?,
+            p2_down: arena.take(width)?,
+            paths: arena.take(path_scratch_bytes(stride))?,
+            sums: arena.take(stride)?,
+            other_best: arena.take(width + stride)?,
+            best: arena.take(width)?,
+            refined_index_q4: arena.take(width)?,
+            margins: arena.take(width)?,
+            found: arena.take(width)?,
+            confidences: arena.take(width)?,
+            parameters: *sgm,
+            config: *config,
+            plan,
+        })
+    }
+
+    /// The synapses drawn.
+    #[must_use]
+    pub fn synapses(&self) -> Synapses<'m> {
+        self.sampler.synapses()
+    }
+
+    /// Forgets the frame: the next pair is that of line 0.
+    pub fn reset(&mut self) {
+        self.sampler.reset();
+        self.exposure = Exposure::new();
+        self.alignment.reset();
+        self.reference.clear();
+        self.other.clear();
+    }
+
+    /// Number of lines of the frame whose rows are done, those outside the region included.
+    pub(crate) fn rows_out(&self) -> u32 {
+        self.sampler.rows_out()
+    }
+
+    /// Takes the next pair of lines, of the configured width. If this completes a row inside the
+    /// region of interest, returns its line in the frame; the row is then [`SgmMatcher::found`].
+    pub fn push(
+        &mut self,
+        left: &(impl Line + ?Sized),
+        right: &(impl Line + ?Sized),
+    ) -> Option<u32> {
+        let offset_q4 = self.alignment.offset_q4();
+        match self.config.reference {
+            Reference::Left => {
+                self.reference.push(left, &self.kernels);
+                self.other.push_moved(right, offset_q4, &self.kernels);
+            }
+            Reference::Right => {
+                self.reference.push(right, &self.kernels);
+                self.other.push_moved(left, offset_q4, &self.kernels);
+            }
+        }
+        let line = self.sampler.next_row(self.reference.lines(), false)?;
+        self.match_row(line);
+        Some(line)
+    }
+
+    /// Completes the next row inside the region after the last pair and returns its line, or `None`
+    /// if there are no more.
+    pub fn flush(&mut self) -> Option<u32> {
+        let line = self.sampler.next_row(self.reference.lines(), true)?;
+        self.match_row(line);
+        Some(line)
+    }
+
+    /// The row last completed, of the whole width; see [`RowCheck::write`].
+    #[must_use]
+    pub fn found(&self) -> &[i16] {
+        self.found
+    }
+
+    /// Confidences of the row last completed: 1 to 255; 0 where rejected or in doubt.
+    #[must_use]
+    pub fn confidences(&self) -> &[u8] {
+        self.confidences
+    }
+
+    /// Channels of the reference view, for the refinement.
+    #[must_use]
+    pub fn channels(&self) -> &[Strip<'m>] {
+        self.reference.channels()
+    }
+
+    fn match_row(&mut self, line: u32) {
+        let is_first = line == self.config.region.y;
+        if is_first && self.parameters.difference_weight_q4 > 0 {
+            self.bootstrap_exposure(line);
+        }
+        self.match_levels_and_patterns(line, is_first);
+        self.check(line);
+    }
+
+    /// Matches the first row by its patterns alone, because the exposure is not known yet. From its
+    /// matches follow first the conversion of levels, then the difference that remains.
+    fn bootstrap_exposure(&mut self, line: u32) {
+        self.match_levels_and_patterns(line, true);
+        self.check(line);
+        self.check(line);
+    }
+
+    /// Computes the costs of a row, aggregates them and selects.
+    fn match_levels_and_patterns(&mut self, line: u32, is_first: bool) {
+        let scratch = core::mem::take(&mut self.from_right);
+        let synapses = self.config.parameters.synapses;
+        let mut inputs = CostInputs::over(scratch, &self.plan, synapses);
+        self.observe(line, &mut inputs);
+        self.convert_levels(line, &mut inputs);
+        self.compute_costs(line, inputs);
+        self.from_right = scratch;
+        self.aggregate(line, is_first);
+    }
+
+    /// Forms the patterns of both views, those of the other by stored position.
+    fn observe(&self, line: u32, inputs: &mut CostInputs<'_>) {
+        let plan = &self.plan;
+        for (view, patterns) in [
+            (&self.reference, &mut inputs.own),
+            (&self.other, &mut inputs.stored),
+        ] {
+            let positions = 0..plan.width;
+            self.sampler
+                .observe(view, line, positions, patterns, &self.kernels);
+        }
+        inputs.stored.extend(plan.width, plan.front, plan.positions);
+    }
+
+    /// Converts the levels of the other view to the reference camera's exposure, by stored
+    /// position.
+    fn convert_levels(&self, line: u32, inputs: &mut CostInputs<'_>) {
+        if self.parameters.difference_weight_q4 == 0 {
+            return;
+        }
+        let plan = &self.plan;
+        let lows = inputs.low.chunks_exact_mut(plan.positions.max(1));
+        let highs = inputs.high.chunks_exact_mut(plan.positions.max(1));
+        let others = self.other.channels();
+        for ((channel, (low, high)), other) in lows.zip(highs).enumerate().zip(others) {
+            let levels = other.row(line);
+            let inside = plan.front..plan.front + plan.width;
+            if let (Some(low), Some(high)) =
+                (low.get_mut(inside.clone()), high.get_mut(inside.clone()))
+            {
+                let conversion = self.exposure.conversion(channel);
+                self.kernels.convert_row(&conversion, levels, low, high);
+            }
+            for row in [low, high] {
+                extend_run(row, inside.clone());
+            }
+        }
+    }
+
+    /// Computes the matching costs run by run: first the masks, if there are any, then the costs.
+    fn compute_costs(&mut self, line: u32, inputs: CostInputs<'_>) {
+        let (parameters, plan) = (&self.parameters, &self.plan);
+        let synapses = self.config.parameters.synapses;
+        let channels = self.reference.channels();
+        let levels = self.reference.rows(line);
+        if let Some(masks) = &mut self.masks {
+            masks.begin(channels, line);
+        }
+        let cost_of = |count: u16| self.cell_costs_q8.get(usize::from(count)).copied();
+        let mut cell_costs_q8 = [cost_of(synapses).unwrap_or(0); RUN_LANES];
+        let longest = match self.masks {
+            Some(_) => MASK_LANES,
+            None => RUN_LANES,
+        };
+        for start in (0..plan.width).step_by(longest) {
+            let lanes = longest.min(plan.width - start);
+            let first = block_first(start, plan.width);
+            let skipped = start - first;
+            let mut masks = Planes::NONE;
+            if let Some(source) = &mut self.masks {
+                let block = source.block(channels, first, inputs.cells);
+                let counts = block.counts.iter().skip(skipped);
+                for (cost, &count) in cell_costs_q8.iter_mut().zip(counts) {
+                    *cost = cost_of(count).unwrap_or(0);
+                }
+                masks = Planes {
+                    bytes: block.masks.get(skipped..).unwrap_or_default(),
+                    stride: MASK_LANES.min(plan.width),
+                    count: usize::from(synapses) / CELLS_PER_BYTE,
+                };
+            }
+            let run = CostRun {
+                start,
+                inputs: inputs.own.planes(),
+                masks,
+                cell_costs_q8: cell_costs_q8.get(..lanes).unwrap_or_default(),
+                stored: inputs.stored.planes(),
+                first_position: plan.last_position + plan.width - 1 - start,
+                disparities: self.config.disparities.count.into(),
+                hamming_truncation: parameters.hamming_truncation,
+                levels,
+                other_low: planes_of(inputs.low, plan.positions),
+                other_high: planes_of(inputs.high, plan.positions),
+                channels: plan.reference.channels(),
+                difference_truncation: parameters.difference_truncation,
+                difference_weight_q4: parameters.difference_weight_q4,
+            };
+            if let Some(costs) = self
+                .costs
+                .get_mut(start * plan.stride..(start + lanes) * plan.stride)
+            {
+                self.kernels.cost_run(&run, costs);
+            }
+        }
+    }
+
+    /// Aggregates the costs of a row and selects the best disparities of both views.
+    fn aggregate(&mut self, line: u32, is_first: bool) {
+        let (parameters, plan) = (&self.parameters, &self.plan);
+        let grey = self.reference.grey().row(line);
+        let above = self.reference.grey().row(line.saturating_sub(1));
+        if let Some((first, after)) = self.p2_along.split_first_mut() {
+            *first = parameters.p2;
+            write_penalties(parameters, grey.get(1..).unwrap_or_default(), grey, after);
+        }
+        write_penalties(parameters, grey, above, self.p2_down);
+        self.kernels.aggregate_row(&mut AggregateRow {
+            costs: self.costs,
+            from_right: self
+                .from_right
+                .get_mut(..plan.width * plan.stride)
+                .unwrap_or_default(),
+            from_above: self.from_above,
+            stride: plan.stride,
+            disparities: self.config.disparities.count.into(),
+            is_first,
+            p1: parameters.p1,
+            p2_along: self.p2_along,
+            p2_down: self.p2_down,
+            paths: self.paths,
+            sums: self.sums,
+            other_best: self.other_best,
+            best: self.best,
+            refined_index_q4: self.refined_index_q4,
+            margins: self.margins,
+        });
+    }
+
+    /// Checks the row, and learns exposure and alignment from the disparities that hold.
+    fn check(&mut self, line: u32) {
+        let reach = usize::from(self.config.parameters.support.x_px);
+        let grey = self.reference.grey();
+        let check = RowCheck {
+            best: self.best,
+            refined_index_q4: self.refined_index_q4,
+            margins: self.margins,
+            other_best: self.other_best,
+            minimum_px: self.config.disparities.minimum_px,
+            tolerance_px: self.parameters.left_right_tolerance_px,
+            margin: self.parameters.margin,
+            // The padding of the strip is at least the support.
+            grey: grey.run(line, -(reach as isize), self.plan.width + 2 * reach),
+            reach,
+            texture_min: self.parameters.texture_min,
+        };
+        check.write(self.found, self.confidences);
+        if self.parameters.difference_weight_q4 == 0 {
+            return;
+        }
+        // The gradient is taken from the lines above and below.
+        let channels = self.plan.reference.channels();
+        if self.plan.other.moving && line > 0 && line + 1 < self.other.lines() {
+            let other = self.other.grey();
+            let rows = GreyRows {
+                own: grey.row(line),
+                others: [line - 1, line, line + 1].map(|line| other.row(line)),
+            };
+            // The conversion of green, which is the largest part of grey; without colour, that of
+            // grey.
+            let conversion = self.exposure.conversion(channels / 2);
+            // Every fourth pixel suffices.
+            let matches = check.matches::<4>(self.confidences);
+            let matches = matches.map(|(position, other_position)| {
+                let at = |values: &[i16]| values.get(position).copied().unwrap_or(0);
+                let best = check.best.get(position).copied().unwrap_or(0);
+                Match {
+                    position,
+                    other_position,
+                    // The step is at most half a disparity.
+                    subpixel_q4: at(check.refined_index_q4) - best as i16 * STEPS_PER_PX,
+                }
+            });
+            if conversion.is_known() {
+                self.alignment.learn(matches, rows, &conversion);
+            }
+        }
+        let levels = self.reference.rows(line);
+        let others = self.other.rows(line);
+        // Every other pixel suffices.
+        let matches = check.matches::<2>(self.confidences);
+        if channels == 1 {
+            self.exposure.learn::<1>(matches, levels, others);
+        } else {
+            self.exposure.learn::<MAX_CHANNELS>(matches, levels, others);
+        }
+    }
+}
+
+/// Fills the table of the cost of one cell by the number of unmasked cells, so that there is no
+/// division per pixel.
+fn cell_costs<'m>(parameters: &SgmParameters, costs_q8: &'m mut [u16]) -> &'m mut [u16] {
+    let scale_q8 = u32::from(parameters.hamming_scale) << 8;
+    for (cost, count) in costs_q8.iter_mut().zip(0_u32..).skip(1) {
+        // The scale is bounded so that the product with the count fits 16 bits.
+        *cost = ((scale_q8 + count / 2) / count) as u16;
+    }
+    costs_q8
+}
+
+/// Splits a row into channels of `length` bytes each; empty for channels that do not exist.
+fn planes_of(row: &[u8], length: usize) -> [&[u8]; MAX_CHANNELS] {
+    core::array::from_fn(|index| {
+        row.get(index * length..(index + 1) * length)
+            .unwrap_or_default()
+    })
+}
+
+/// Repeats the first and the last value of a run to the ends of the row.
+fn extend_run(row: &mut [u8], inside: core::ops::Range<usize>) {
+    let (before, rest) = row.split_at_mut(inside.start.min(row.len()));
+    let (inside, after) = rest.split_at_mut(inside.len().min(rest.len()));
+    if let (Some(&first), Some(&last)) = (inside.first(), inside.last()) {
+        before.fill(first);
+        after.fill(last);
+    }
+}

@@ -1,0 +1,37 @@
+//! The SGM branch: distances of patterns as matching costs, aggregated, checked and filled.
+//!
+//! ```text
+//! two views -> patterns of a row (pattern)                                        SgmMatcher
+//!           -> masks: which cells lie on the pixel's surface
+//!           -> matching costs: masked Hamming distance, and difference of levels
+//!              in the reference camera's exposure (exposure)
+//!           -> penalties P1, P2; path costs from left, right and above (kernel)
+//!           -> winner-take-all, sub-pixel step, margin (kernel)
+//!           -> left-right check, uniqueness, texture (check)
+//!              what holds teaches exposure, and alignment of the lines to come
+//!
+//!           -> speckle removal -> region vote -> border, fill                     SgmRefiner
+//!           -> medians: of 3 x 3, weighted by colour, of 3 x 3
+//!           -> line of disparities
+//! ```
+
+mod alignment;
+mod border;
+mod check;
+mod exposure;
+mod fill;
+mod masks;
+mod matcher;
+mod medians;
+mod penalties;
+mod plan;
+mod refine;
+mod region_vote;
+mod speckle;
+mod surroundings;
+
+pub use check::RowCheck;
+pub use masks::{BlockMasks, RowMasks, SgmMasks, block_first};
+pub use matcher::SgmMatcher;
+pub use plan::SgmPlan;
+pub use refine::SgmRefiner;

@@ -1,0 +1,217 @@
+//! The plan of the SGM method: the lines and bytes that each part needs.
+
+use super::masks::SgmMasks;
+use super::refine::SgmRefiner;
+use crate::config::{Config, SgmParameters};
+use crate::disparity::Reference;
+use crate::kernel::{MAX_CHANNELS, cost_stride, path_scratch_bytes};
+use crate::pattern::{PatternRow, Sampler};
+use crate::rows::{Order, Part, Parts, ViewSize, words};
+
+/// Sizes and depths of the SGM branch, derived once from a configuration.
+#[derive(Debug, Clone, Copy)]
+pub struct SgmPlan {
+    /// Columns, px.
+    pub(super) width: usize,
+    /// Bytes from the costs of one pixel to those of the next.
+    pub(super) stride: usize,
+    /// Stored positions before the first pixel of the other view, for negative disparities.
+    pub(super) front: usize,
+    /// Number of stored positions that any disparity of any pixel reaches.
+    pub(super) positions: usize,
+    /// Stored position of the lowest disparity of the last pixel.
+    pub(super) last_position: usize,
+    /// Shape of the reference view.
+    pub(super) reference: ViewSize,
+    /// Shape of the other view.
+    pub(super) other: ViewSize,
+    /// Bytes of one of the two rows of levels of the other view, all channels.
+    pub(super) level_bytes: usize,
+    /// Bytes of the path costs from the right, which share their memory with the inputs of the
+    /// matching costs.
+    pub(super) right_path_bytes: usize,
+}
+
+impl SgmPlan {
+    /// The plan for a valid configuration with these parameters.
+    #[must_use]
+    pub const fn new(config: &Config, sgm: &SgmParameters) -> Self {
+        let parameters = &config.parameters;
+        let support = parameters.support;
+        let synapses = parameters.synapses as usize;
+        let width = config.width as usize;
+        let stride = cost_stride(config.disparities.count as usize);
+        let minimum = config.disparities.minimum_px as isize;
+        let front = if minimum < 0 {
+            minimum.unsigned_abs()
+        } else {
+            0
+        };
+        let behind = if minimum > 0 {
+            minimum.unsigned_abs()
+        } else {
+            0
+        };
+        let positions = front + width + behind + stride;
+
+        let ahead = support.y_px as u32;
+        let window = Sampler::window_lines(support.y_px);
+        // The penalties of the path from above need the line above a row.
+        let matching_lines = max(window, ahead as usize + 2);
+        let refinement_lines = Self::refinement_depth(config, sgm);
+        let lines = max(matching_lines, refinement_lines);
+        let median_padding = match &sgm.weighted_median {
+            Some(median) => median.reach_x_px as usize,
+            None => 0,
+        };
+        let padding = max(support.x_px as usize, median_padding);
+        let has_colour = sgm.colour && config.colour;
+        let smoothing_step = if support.x_px > 0 && support.y_px > 0 {
+            sgm.smoothing_step
+        } else {
+            // Smoothing needs a line below and pixels beside a pixel in the support.
+            0
+        };
+        let reference = ViewSize {
+            width,
+            // If there is colour, the refinement uses that.
+            grey_lines: if has_colour { matching_lines } else { lines },
+            grey_padding: if has_colour {
+                support.x_px as usize
+            } else {
+                padding
+            },
+            colour_lines: if has_colour { lines } else { 0 },
+            colour_padding: padding,
+            smoothed_lines: if smoothing_step > 0 { window } else { 0 },
+            smoothing_step,
+            moving: false,
+        };
+        let other = ViewSize {
+            grey_lines: window,
+            grey_padding: support.x_px as usize,
+            // The lines from the newest down to the row.
+            colour_lines: if has_colour { ahead as usize + 1 } else { 0 },
+            colour_padding: 0,
+            moving: sgm.aligns_lines(),
+            ..reference
+        };
+        let level_bytes = if sgm.difference_weight_q4 > 0 {
+            reference.channels() * positions
+        } else {
+            0
+        };
+        let cost_input_bytes = 2 * level_bytes
+            + PatternRow::bytes(width, synapses)
+            + PatternRow::bytes(positions, synapses)
+            + SgmMasks::scratch_bytes(config, sgm);
+        Self {
+            width,
+            stride,
+            front,
+            positions,
+            last_position: front.saturating_add_signed(minimum),
+            reference,
+            other,
+            level_bytes,
+            right_path_bytes: max(width * stride, cost_input_bytes),
+        }
+    }
+
+    /// Number of lines of the reference view, from the newest, that the refinement reads.
+    const fn refinement_depth(config: &Config, sgm: &SgmParameters) -> usize {
+        // Number of lines from the newest to the row that enters the stage.
+        let mut delay = config.parameters.support.y_px as usize;
+        let mut depth = 0;
+        let stages = SgmRefiner::stages(config, sgm);
+        let mut rest = stages.as_slice();
+        while let Some((stage, after)) = rest.split_first() {
+            if stage.look_back_lines > 0 {
+                depth = max(depth, delay + stage.look_back_lines as usize + 1);
+            }
+            delay += stage.latency_lines as usize;
+            rest = after;
+        }
+        // Below a region, lines wait until they are due, and the first must still be there when the
+        // last is.
+        max(depth, delay + 1)
+    }
+
+    /// Shape of a view that has only the channels of the reference view that the refinement and the
+    /// masks use, for a refinement that runs apart from its matcher.
+    #[must_use]
+    pub const fn refinement_view(&self) -> ViewSize {
+        ViewSize {
+            grey_lines: if self.reference.colour_lines > 0 {
+                0
+            } else {
+                self.reference.grey_lines
+            },
+            smoothed_lines: 0,
+            ..self.reference
+        }
+    }
+
+    /// Orders in which the reference view and the other are stored: rising disparities must be
+    /// rising positions, so that the views run against each other.
+    #[must_use]
+    pub const fn orders(reference: Reference) -> [Order; 2] {
+        match reference {
+            Reference::Left => [Order::Columns, Order::Mirrored],
+            Reference::Right => [Order::Mirrored, Order::Columns],
+        }
+    }
+
+    /// The parts of the matcher. With `W` columns, `D` disparities rounded up to 16, `n`
+    /// synapses, support `(X, Y)`, `c` channels and `P = W + D` and the magnitude of the lowest
+    /// disparity, they take, each rounded up to words:
+    ///
+    /// | part | bytes |
+    /// |---|---|
+    /// | synapses | `4 n`: offsets, and the cost of a cell by the number of unmasked ones |
+    /// | views | grey: `2 (2 Y + 1) (W + 2 X)`, and as much again where lines are smoothed; in colour three channels besides, of the reference view as deep as the last stage looks back and `Y + 1` lines of the other; `W` per channel and grey where lines are moved |
+    /// | masks, unless every cell counts | `8 n` |
+    /// | costs and paths | `2 W D + 5 D + 2 W` |
+    /// | paths from the right, and before them patterns, levels of the other view and cells of the masks | the larger of `W D` and `(W + P + 32) n / 8 + 2 c P + 32 n`, without `2 c P` where levels do not count and without `32 n` where every cell does |
+    /// | winners and checks | `13 W + 4 D` |
+    pub(crate) const fn parts(&self, config: &Config, sgm: &SgmParameters) -> Parts {
+        let ahead = config.parameters.support.y_px as u32;
+        let (width, stride) = (self.width, self.stride);
+        let synapses = Sampler::words(config.parameters.synapses)
+            + words(config.parameters.synapses as usize + 1, size_of::<u16>());
+        let costs = 2 * words(width * stride, 1)
+            + 2 * words(width, 1)
+            + words(path_scratch_bytes(stride), 1)
+            + words(stride, size_of::<i16>());
+        let winners = words(width + stride, size_of::<u32>())
+            + 4 * words(width, size_of::<i16>())
+            + words(width, 1);
+        Parts::NONE
+            .and(Part::memory("synapses", synapses))
+            .and(Part::memory(
+                "views",
+                self.reference.words() + self.other.words(),
+            ))
+            .and(Part::memory("masks", SgmMasks::words(config, sgm)))
+            .and(Part {
+                name: "patterns, then paths from the right",
+                words: words(self.right_path_bytes, 1),
+                look_back_lines: 2 * ahead,
+                latency_lines: ahead,
+            })
+            .and(Part {
+                name: "costs and paths",
+                words: costs,
+                look_back_lines: ahead + 1,
+                latency_lines: 0,
+            })
+            .and(Part::memory("winners and checks", winners))
+    }
+}
+
+/// Number of channels of a view in colour must be what kernels take.
+const _: () = assert!(MAX_CHANNELS == 3);
+
+const fn max(a: usize, b: usize) -> usize {
+    if a > b { a } else { b }
+}

@@ -1,0 +1,220 @@
+//! The refinement of checked rows: all stages up to a line of disparities.
+
+use super::fill::Fill;
+use super::medians::{Median9, WeightedMedian};
+use super::region_vote::RegionVote;
+use super::speckle::Speckle;
+use super::surroundings::Surroundings;
+use crate::config::{Config, ConfigError, Output, SgmParameters};
+use crate::disparity::{INVALID, Reference, px_to_q4};
+use crate::kernel::Kernels;
+use crate::rows::{Arena, Part, Parts, Ring, RowStage, Strip, Then, copy_common, words};
+
+/// The stages in order. The parameters may leave a stage out; with the weighted median, the second
+/// median of 3 x 3 is left out too.
+type Stages<'m, K> = Then<
+    Option<Speckle<'m>>,
+    Then<
+        Option<RegionVote<'m, K>>,
+        Then<Fill, Then<Median9<'m, K>, Option<Then<WeightedMedian<'m, K>, Median9<'m, K>>>>>,
+    >,
+>;
+
+/// Takes rows of checked disparities and returns lines of disparities, a few rows later.
+#[derive(Debug)]
+pub struct SgmRefiner<'m, K> {
+    stages: Stages<'m, K>,
+    row: &'m mut [i16],
+    /// Confidences of the rows that are in the stages.
+    confidences: Ring<'m, u8>,
+    line_q4: &'m mut [i16],
+    line_confidences: &'m mut [u8],
+    config: Config,
+    rows_out: u32,
+}
+
+impl SgmRefiner<'_, ()> {
+    /// The stages alone, with the demand of each.
+    pub(super) const fn stages(config: &Config, sgm: &SgmParameters) -> Parts {
+        let width = config.width as usize;
+        let mut parts = Parts::NONE;
+        if let Some(speckle) = &sgm.speckle {
+            parts = parts.and(Speckle::part(width, speckle));
+        }
+        if let Some(vote) = &sgm.vote {
+            parts = parts.and(RegionVote::part(width, config.disparities, vote));
+        }
+        parts = parts.and(Median9::part(width));
+        if let Some(weighted) = &sgm.weighted_median {
+            parts = parts
+                .and(WeightedMedian::part(width, weighted))
+                .and(Median9::part(width));
+        }
+        parts
+    }
+
+    /// The parts of the refinement. With `W` columns (region `w`) and `D` disparities they take,
+    /// each rounded up to words:
+    ///
+    /// | part | bytes |
+    /// |---|---|
+    /// | speckle removal, regions of fewer than `k` pixels, reach `y` | `2 W (2 y + 1) + 6 k` |
+    /// | region vote, reach `(x, y)` | `4 W (2 y + 1) + 6 W + 2 D` |
+    /// | each median of 3 x 3 | `6 W + 12` |
+    /// | weighted median of `p` taps, reach `(x, y)` | `2 (W + 2 x) (2 y + 1) + 17 p` |
+    /// | output, of stages `l` lines late | `2 W + W (l + 1) + 3 w` |
+    pub(crate) const fn parts(config: &Config, sgm: &SgmParameters) -> Parts {
+        let width = config.width as usize;
+        let columns = config.region.width as usize;
+        let stages = SgmRefiner::stages(config, sgm);
+        let output = words(width, size_of::<i16>())
+            + Ring::<u8>::words(width, 0, stages.latency_lines() as usize + 1)
+            + words(columns, size_of::<i16>())
+            + words(columns, 1);
+        stages.and(Part::memory("output", output))
+    }
+}
+
+impl<'m, K: Kernels> SgmRefiner<'m, K> {
+    /// Words of memory.
+    #[must_use]
+    pub const fn words(config: &Config, sgm: &SgmParameters) -> usize {
+        SgmRefiner::parts(config, sgm).words()
+    }
+
+    /// Carves the memory of the stages that `config` asks for.
+    ///
+    /// # Errors
+    /// [`ConfigError`] when `config` is not valid or the arena has fewer than
+    /// [`SgmRefiner::words`] left.
+    pub fn new(
+        config: &Config,
+        sgm: &SgmParameters,
+        kernels: K,
+        arena: &mut Arena<'m>,
+    ) -> Result<Self, ConfigError> {
+        config.validate()?;
+        let width = usize::from(config.width);
+        let columns = usize::from(config.region.width);
+        let latency = SgmRefiner::stages(config, sgm).latency_lines();
+        let speckle = match sgm.speckle {
+            Some(speckle) => Some(Speckle::new(width, speckle, arena)?),
+            None => None,
+        };
+        let vote = match sgm.vote {
+            Some(vote) => {
+                let disparities = config.disparities;
+                Some(RegionVote::new(width, disparities, vote, kernels, arena)?)
+            }
+            None => None,
+        };
+        let median = Median9::new(width, kernels, arena)?;
+        let weighted = match sgm.weighted_median {
+            Some(weighted) => Some(Then(
+                WeightedMedian::new(width, weighted, kernels, arena)?,
+                Median9::new(width, kernels, arena)?,
+            )),
+            None => None,
+        };
+        Ok(Self {
+            stages: Then(
+                speckle,
+                Then(vote, Then(Fill::new(config), Then(median, weighted))),
+            ),
+            row: arena.take(width)?,
+            confidences: Ring::new(width, 0, latency as usize + 1, 0, arena)?,
+            line_q4: arena.take(columns)?,
+            line_confidences: arena.take(columns)?,
+            config: *config,
+            rows_out: 0,
+        })
+    }
+
+    /// Forgets the frame.
+    pub fn reset(&mut self) {
+        RowStage::<Surroundings<'_, '_, '_>>::reset(&mut self.stages);
+        self.confidences.clear();
+        self.rows_out = 0;
+    }
+
+    /// Takes a row as [`RowCheck::write`](super::RowCheck::write) writes it, in stored order.
+    /// `channels` are the reference view's, with all lines that
+    /// [`SgmPlan::refinement_view`](super::SgmPlan::refinement_view) keeps. Returns whether this
+    /// completes a line, which is then [`SgmRefiner::line_q4`].
+    pub fn push(&mut self, found: &[i16], confidences: &[u8], channels: &[Strip<'_>]) -> bool {
+        self.confidences.push_copy(confidences);
+        copy_common(self.row, found);
+        let mut around = Surroundings {
+            channels,
+            first_line: self.config.region.y,
+            confidences: &mut self.confidences,
+        };
+        self.stages.push(self.row, &mut around) && self.write_line()
+    }
+
+    /// Completes the next line after the last row; returns false if there are no more. `channels`
+    /// are as for [`SgmRefiner::push`].
+    pub fn flush(&mut self, channels: &[Strip<'_>]) -> bool {
+        let mut around = Surroundings {
+            channels,
+            first_line: self.config.region.y,
+            confidences: &mut self.confidences,
+        };
+        self.stages.flush(self.row, &mut around) && self.write_line()
+    }
+
+    /// The line last completed: `region.width` disparities, 1/16 px.
+    #[must_use]
+    pub fn line_q4(&self) -> &[i16] {
+        self.line_q4
+    }
+
+    /// Confidences of the line last completed: 1 to 255; 0 for a disparity that was filled in.
+    #[must_use]
+    pub fn line_confidences(&self) -> &[u8] {
+        self.line_confidences
+    }
+
+    /// Crops the completed row to the region, in the order of columns, and adds the lowest
+    /// disparity. Always returns true.
+    fn write_line(&mut self) -> bool {
+        let row = &*self.row;
+        let confidences = self.confidences.row(self.rows_out);
+        self.rows_out += 1;
+        let region = &self.config.region;
+        let (start, count) = (usize::from(region.x), usize::from(region.width));
+        // The right view is stored mirrored.
+        let is_mirrored = self.config.reference == Reference::Right;
+        let start = if is_mirrored {
+            row.len() - start - count
+        } else {
+            start
+        };
+        let inside = start..start + count;
+        copy_common(self.line_q4, row.get(inside.clone()).unwrap_or_default());
+        copy_common(
+            self.line_confidences,
+            confidences.get(inside).unwrap_or_default(),
+        );
+        if is_mirrored {
+            self.line_q4.reverse();
+            self.line_confidences.reverse();
+        }
+        let is_sparse = self.config.output == Output::Sparse;
+        let minimum_q4 = px_to_q4(self.config.disparities.minimum_px);
+        for (disparity_q4, confidence) in self
+            .line_q4
+            .iter_mut()
+            .zip(self.line_confidences.iter_mut())
+        {
+            if *disparity_q4 == INVALID {
+                *confidence = 0;
+            } else if is_sparse && *confidence == 0 {
+                *disparity_q4 = INVALID;
+            } else {
+                *disparity_q4 += minimum_q4;
+            }
+        }
+        true
+    }
+}

@@ -1,0 +1,274 @@
+//! Cross-based region vote: a pixel that was rejected or is in doubt takes the most frequent
+//! disparity of its region.
+//!
+//! The region is the cross of similar colour around the pixel: up and down from it, and left and
+//! right from each pixel of that column (Zhang, Lu and Lafruit 2009; Mei et al. 2011). Every other
+//! pixel of every other line of it has a vote. The vote is one pass in place, from the top left: a
+//! pixel that has taken a disparity votes for those after it.
+
+use super::surroundings::Surroundings;
+use crate::config::RegionVoteParameters;
+use crate::disparity::{DisparityRange, STEPS_PER_PX};
+use crate::kernel::{ArmsRow, Kernels, MAX_CHANNELS, arms_scratch_bytes};
+use crate::rows::{Arena, Found, Lookahead, OutOfMemory, Part, Ring, RowStage, copy_common, words};
+
+/// Largest number of lines of a window.
+const MAX_LINES: usize = 31;
+
+/// The vote over a ring of `2 reach_y + 1` rows, of stored values of [`Found`].
+#[derive(Debug)]
+pub(super) struct RegionVote<'m, K> {
+    kernels: K,
+    rows: Ring<'m, i16>,
+    lookahead: Lookahead,
+    /// Arms of each pixel along its line: see [`arms_row`](crate::kernel::arms_row).
+    arms: Ring<'m, i16>,
+    arms_row: &'m mut [i16],
+    arms_scratch: &'m mut [u8],
+    /// Number of votes per disparity, px. A window of 255 columns and [`MAX_LINES`] has fewer
+    /// pixels than 16 bits count.
+    votes: &'m mut [i16],
+    parameters: RegionVoteParameters,
+}
+
+impl RegionVote<'_, ()> {
+    /// Demand of the vote: `4 y + 3` rows, four of bytes, and a counter per disparity. It reads
+    /// back over its window of `2 y + 1` lines, and has a latency of `y` lines.
+    pub(super) const fn part(
+        width: usize,
+        disparities: DisparityRange,
+        parameters: &RegionVoteParameters,
+    ) -> Part {
+        let reach = parameters.reach_y_px as u32;
+        Part {
+            name: "region vote",
+            words: 2 * Ring::<i16>::words(width, 0, 2 * reach as usize + 1)
+                + words(width, size_of::<i16>())
+                + words(arms_scratch_bytes(width), 1)
+                + words(disparities.count as usize + 1, size_of::<i16>()),
+            look_back_lines: 2 * reach,
+            latency_lines: reach,
+        }
+    }
+}
+
+impl<'m, K: Kernels> RegionVote<'m, K> {
+    /// A vote for rows of `width` pixels.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] when the arena has less left than [`RegionVote::part`] says.
+    pub(super) fn new(
+        width: usize,
+        disparities: DisparityRange,
+        parameters: RegionVoteParameters,
+        kernels: K,
+        arena: &mut Arena<'m>,
+    ) -> Result<Self, OutOfMemory> {
+        let depth = 2 * usize::from(parameters.reach_y_px) + 1;
+        let none = Found::NOT_FOUND.stored();
+        let mut ring = || Ring::new(width, 0, depth, none, arena);
+        let (rows, arms) = (ring()?, ring()?);
+        Ok(Self {
+            kernels,
+            rows,
+            lookahead: Lookahead::new(parameters.reach_y_px.into()),
+            arms,
+            arms_row: arena.take(width)?,
+            arms_scratch: arena.take(arms_scratch_bytes(width))?,
+            // The last place is for pixels without a disparity.
+            votes: arena.take(usize::from(disparities.count) + 1)?,
+            parameters,
+        })
+    }
+
+    /// Measures the arms of the row that comes next.
+    fn measure_arms(&mut self, around: &Surroundings<'_, '_, '_>) {
+        let image_line = around.first_line + self.arms.rows_in();
+        let mut levels = [&[][..]; MAX_CHANNELS];
+        for (levels, channel) in levels.iter_mut().zip(around.channels) {
+            *levels = channel.row(image_line);
+        }
+        let arms = ArmsRow {
+            levels,
+            channels: around.channels.len().min(MAX_CHANNELS),
+            reach: self.parameters.reach_x_px,
+            near_step: self.parameters.near_step,
+            far_step: self.parameters.far_step,
+        };
+        self.kernels
+            .arms_row(&arms, self.arms_scratch, self.arms_row);
+        self.arms.push_copy(self.arms_row);
+    }
+
+    /// Performs the vote for row `line`, if there is such a row, and copies the row to `output`;
+    /// returns whether there is.
+    fn vote(
+        &mut self,
+        line: Option<u32>,
+        output: &mut [i16],
+        around: &Surroundings<'_, '_, '_>,
+    ) -> bool {
+        let Some(line) = line else { return false };
+        self.vote_row(line, around);
+        copy_common(output, self.rows.row(line));
+        true
+    }
+
+    /// Performs the vote for each pixel of a row whose disparity does not hold.
+    fn vote_row(&mut self, line: u32, around: &Surroundings<'_, '_, '_>) {
+        let channels = around.channels;
+        let there = self.rows.around(line, self.parameters.reach_y_px);
+        // The lines of the window, looked up once per row.
+        let mut lines = [[&[][..]; MAX_CHANNELS]; MAX_LINES];
+        // Rows and arms have the same places in their rings.
+        let mut starts = [0; MAX_LINES];
+        for ((lines, start), row) in lines.iter_mut().zip(&mut starts).zip(there.clone()) {
+            *start = self.rows.start(row);
+            for (levels, channel) in lines.iter_mut().zip(channels) {
+                *levels = channel.row(around.first_line + row);
+            }
+        }
+        let centre = (line - there.start) as usize;
+        let window = Window {
+            lines: lines.get(..there.len()).unwrap_or_default(),
+            channels: channels.len().min(MAX_CHANNELS),
+            parameters: &self.parameters,
+        };
+        // The columns before the first pixel that holds are left to the border.
+        let mut own = self.rows.row(line).iter();
+        let first = own.position(|&found| Found::of(found).holds());
+        let width = self.rows.row(line).len();
+        let own_start = self.rows.start(line);
+        for x in first.unwrap_or(width)..width {
+            let Some(&own) = self.rows.values().get(own_start + x) else {
+                break;
+            };
+            if Found::of(own).holds() {
+                continue;
+            }
+            self.votes.fill(0);
+            let mut total = 0;
+            let above = window.reach_up(centre, x);
+            let below = window.reach_down(centre, x);
+            let region = starts.get(centre - above..=centre + below);
+            // Every other line, including the pixel's own.
+            for start in region.unwrap_or_default().iter().skip(above % 2).step_by(2) {
+                let at = start + x;
+                let arms = self.arms.values().get(at).copied().unwrap_or(0);
+                // Within the row.
+                let [left, right] = arms.to_le_bytes().map(usize::from);
+                let run = self.rows.values().get(at - left..=at + right);
+                total += count_votes(run.unwrap_or_default(), self.votes);
+            }
+            if let Some(elected_q4) = self.elect(total)
+                && let Some(pixel) = self.rows.values_mut().get_mut(own_start + x)
+            {
+                *pixel = elected_q4;
+            }
+        }
+    }
+
+    /// The disparity that wins with `total` votes cast, counted from the lowest, 1/16 px; `None` if
+    /// none has enough votes.
+    fn elect(&self, total: usize) -> Option<i16> {
+        let (&none, votes) = self.votes.split_last()?;
+        let total = total - usize::from(none.cast_unsigned());
+        // A reduction, which is vectorised if the target has vectors.
+        let most = votes.iter().fold(0, |a, &b| a.max(b));
+        let first = votes.iter().position(|&votes| votes == most)?;
+        let share_min = usize::from(self.parameters.share_min_percent);
+        let wins = total > usize::from(self.parameters.support_min)
+            && usize::from(most.cast_unsigned()) * 100 > total * share_min;
+        // Within the range, and so within 1/16 px.
+        wins.then_some(first as i16 * STEPS_PER_PX)
+    }
+}
+
+impl<K: Kernels> RowStage<Surroundings<'_, '_, '_>> for RegionVote<'_, K> {
+    fn reset(&mut self) {
+        self.rows.clear();
+        self.lookahead.reset();
+        self.arms.clear();
+    }
+
+    fn push(&mut self, row: &mut [i16], around: &mut Surroundings<'_, '_, '_>) -> bool {
+        self.measure_arms(around);
+        self.rows.push_copy(row);
+        let due = self.lookahead.due(self.rows.rows_in());
+        self.vote(due, row, around)
+    }
+
+    fn flush(&mut self, row: &mut [i16], around: &mut Surroundings<'_, '_, '_>) -> bool {
+        let next = self.lookahead.last(self.rows.rows_in());
+        self.vote(next, row, around)
+    }
+}
+
+/// Counts the votes of every other pixel of a run, for its disparity rounded to px; pixels whose
+/// disparity does not hold are counted in the last place. Returns the number of votes cast.
+fn count_votes(run_q4: &[i16], votes: &mut [i16]) -> usize {
+    let Some(last) = votes.len().checked_sub(1) else {
+        return 0;
+    };
+    for &found_q4 in run_q4.iter().step_by(2) {
+        // Negative where rejected or in doubt, and then beyond every disparity.
+        let rounded_px = (usize::from(found_q4.cast_unsigned()) + 8) >> 4;
+        if let Some(votes) = votes.get_mut(rounded_px.min(last)) {
+            *votes += 1;
+        }
+    }
+    run_q4.len().div_ceil(2)
+}
+
+/// The lines around a row, over which vertical arms are measured.
+struct Window<'a> {
+    lines: &'a [[&'a [u8]; MAX_CHANNELS]],
+    channels: usize,
+    parameters: &'a RegionVoteParameters,
+}
+
+impl Window<'_> {
+    /// Length of the arm upwards from column `x` of line `index`, lines.
+    fn reach_up(&self, index: usize, x: usize) -> usize {
+        self.reach(index, x, (0..index).rev())
+    }
+
+    /// Length of the arm downwards from column `x` of line `index`, lines.
+    fn reach_down(&self, index: usize, x: usize) -> usize {
+        self.reach(index, x, index + 1..self.lines.len())
+    }
+
+    /// Number of successive lines of `path` whose pixel in column `x` is similar to that of line
+    /// `index`. The largest difference is `near_step` in the nearer half of the reach, `far_step`
+    /// beyond.
+    #[inline]
+    fn reach(&self, index: usize, x: usize, path: impl Iterator<Item = usize>) -> usize {
+        let reach = self.parameters.reach_y_px;
+        let near = usize::from(reach / 2);
+        let rows = |index: usize| {
+            let rows = self.lines.get(index).into_iter().flatten();
+            rows.take(self.channels)
+        };
+        let level = |row: &[u8]| row.get(x).copied().unwrap_or(0);
+        let mut own = [0; MAX_CHANNELS];
+        for (own, row) in own.iter_mut().zip(rows(index)) {
+            *own = level(row);
+        }
+        let mut count = 0;
+        for other in path.take(reach.into()) {
+            let step = if count < near {
+                self.parameters.near_step
+            } else {
+                self.parameters.far_step
+            };
+            let differences = own.iter().zip(rows(other));
+            let largest =
+                differences.fold(0, |most, (own, row)| own.abs_diff(level(row)).max(most));
+            if largest > step {
+                break;
+            }
+            count += 1;
+        }
+        count
+    }
+}

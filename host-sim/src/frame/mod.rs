@@ -1,0 +1,87 @@
+//! Whole frames on the host, through the core's line-streaming matcher.
+
+mod bands;
+mod map;
+mod pipelined;
+
+pub use bands::MAX_THREADS;
+pub use map::FrameError;
+
+use std::time::{Duration, Instant};
+
+use vgstereo_core::{Config, Matcher, Method, PushError};
+use vgstereo_kernels::NativeKernels;
+
+use self::map::Map;
+use crate::views::Views;
+
+/// The disparities of a frame, and the cost of matching it.
+#[derive(Debug, Clone)]
+pub struct Matched {
+    /// Disparities of the region, 1/16 px, row-major.
+    pub disparities_q4: Vec<i16>,
+    /// Confidence of each disparity: 1 to 255, 0 where it was filled in or is not known.
+    pub confidences: Vec<u8>,
+    /// Time from the first line in to the last line out, set-up of the memory excluded.
+    pub time: Duration,
+    /// Working memory of a matcher, bytes.
+    pub working_bytes: usize,
+    /// Number of lines between a pair going in and its disparities coming out.
+    pub latency_lines: u32,
+}
+
+/// Matches a frame with up to `threads` threads; the disparities do not depend on their
+/// number. The paper's method takes at most [`MAX_THREADS`] and one per row; SGM needs
+/// the rows above, and takes at most two.
+///
+/// # Errors
+/// [`FrameError`] when the configuration is not valid or the views do not fit it.
+pub fn match_frame(
+    config: &Config,
+    views: &Views,
+    kernels: NativeKernels,
+    threads: usize,
+) -> Result<Matched, FrameError> {
+    config.validate()?;
+    if views.width != config.width {
+        return Err(PushError::Width.into());
+    }
+    if config.colour && !views.has_colour() {
+        return Err(PushError::Colour.into());
+    }
+    let (map, time) = match &config.parameters.method {
+        Method::Recall(recall) if threads > 1 => {
+            bands::match_in_bands(config, recall, views, kernels, threads)?
+        }
+        Method::Sgm(sgm) if threads > 1 => pipelined::match_pipelined(config, sgm, views, kernels)?,
+        _ => match_alone(config, views, kernels)?,
+    };
+    Ok(Matched {
+        time,
+        disparities_q4: map.disparities_q4,
+        confidences: map.confidences,
+        working_bytes: config.memory_words() * size_of::<u32>(),
+        latency_lines: config.parameters.latency_lines(),
+    })
+}
+
+/// Matches a frame; gives its map and the time from the first line in to the last out.
+fn match_alone(
+    config: &Config,
+    views: &Views,
+    kernels: NativeKernels,
+) -> Result<(Map, Duration), FrameError> {
+    let mut memory = vec![0; config.memory_words()];
+    let mut matcher = Matcher::new(config, kernels, &mut memory)?;
+    let mut map = Map::with_room(config, views);
+    let started = Instant::now();
+    for (left, right) in views.lines(kernels) {
+        if let Some(line) = matcher.push(&left, &right)? {
+            map.push(line.disparities_q4, line.confidences);
+        }
+    }
+    while let Some(line) = matcher.finish() {
+        map.push(line.disparities_q4, line.confidences);
+    }
+    Ok((map, started.elapsed()))
+}

@@ -1,0 +1,865 @@
+//! Oracle of the SGM method on whole images: plain loops, one stage after another.
+//!
+//! It follows the definitions in the documentation of the stages, and uses whole-frame arrays,
+//! signed integers and sorting instead of the rings, narrow lanes and bisection of the streaming
+//! stages. It shares only the drawing of the offsets and the colour conversion with the core.
+
+use std::collections::HashSet;
+
+use rand_core::SeedableRng;
+use rand_pcg::Pcg32;
+use vgstereo_core::config::SpeckleParameters;
+use vgstereo_core::kernel::{channel_row, luma_row};
+use vgstereo_core::pattern::{StoredOffset, Synapses};
+use vgstereo_core::{Config, INVALID, Method, Output, Reference, SgmParameters};
+
+use crate::Pair;
+
+/// A view as separate planes: grey, and the channels that the stages compare.
+#[derive(Clone)]
+struct View {
+    width: i32,
+    height: i32,
+    grey: Vec<i32>,
+    channels: Vec<Vec<i32>>,
+}
+
+impl View {
+    fn index(&self, x: i32, y: i32) -> usize {
+        (y.clamp(0, self.height - 1) * self.width + x.clamp(0, self.width - 1)) as usize
+    }
+
+    fn grey(&self, x: i32, y: i32) -> i32 {
+        self.grey[self.index(x, y)]
+    }
+
+    /// Difference of two pixels, summed over the channels.
+    fn difference(&self, a: usize, b: usize) -> i32 {
+        let channels = self.channels.iter();
+        channels.map(|c| (c[a] - c[b]).abs()).sum()
+    }
+
+    fn largest_difference(&self, a: usize, b: usize) -> i32 {
+        let channels = self.channels.iter();
+        channels.map(|c| (c[a] - c[b]).abs()).max().unwrap()
+    }
+}
+
+/// Returns the disparities of the whole reference view, 1/16 px, and their confidences.
+#[must_use]
+pub fn match_whole(pair: &Pair, config: &Config) -> (Vec<i16>, Vec<u8>) {
+    let Method::Sgm(a) = config.parameters.method else {
+        panic!("this is the oracle of SGM");
+    };
+    // To match to the right view, match the mirrored views to the left one.
+    let mirrored = config.reference == Reference::Right;
+    let (mut reference, mut other) = match config.reference {
+        Reference::Left => (view(pair, &pair.left, &a), view(pair, &pair.right, &a)),
+        Reference::Right => (view(pair, &pair.right, &a), view(pair, &pair.left, &a)),
+    };
+    let mut offsets = draw(config);
+    if mirrored {
+        mirror(&mut reference);
+        mirror(&mut other);
+        for [dx, _] in &mut offsets {
+            *dx = -*dx;
+        }
+    }
+    let (found, mut confidences) = find(&reference, &other, &offsets, config, &a);
+    let mut map = found;
+    if let Some(parameters) = a.speckle {
+        map = without_speckles(&map, &reference, &parameters);
+        for (confidence, &found) in confidences.iter_mut().zip(&map) {
+            if found == i32::from(INVALID) {
+                *confidence = 0;
+            }
+        }
+    }
+    if let Some(parameters) = a.vote {
+        let first = first_known(&map, &reference);
+        for y in 0..reference.height {
+            for x in first[y as usize]..reference.width {
+                let i = reference.index(x, y);
+                if map[i] < 0 {
+                    map[i] = vote(&reference, &map, x, y, config, &parameters).unwrap_or(map[i]);
+                }
+            }
+        }
+    }
+    border(
+        &mut map,
+        &reference,
+        (i32::from(config.disparities.count) - 1) * 16,
+    );
+    for found in &mut map {
+        if *found < 0 && *found != i32::from(INVALID) {
+            *found = !*found;
+        }
+    }
+    fill(&mut map, &reference);
+    map = median(&map, &reference);
+    if let Some(parameters) = a.weighted_median {
+        let window = (
+            i32::from(parameters.reach_x_px),
+            i32::from(parameters.reach_y_px),
+        );
+        map = weighted_median(&map, &reference, window, i32::from(parameters.colour_reach));
+        map = median(&map, &reference);
+    }
+    let minimum_q4 = i32::from(config.disparities.minimum_px) * 16;
+    let mut map_q4: Vec<i16> = map
+        .iter()
+        .map(|&q4| {
+            if q4 == i32::from(INVALID) {
+                INVALID
+            } else {
+                (q4 + minimum_q4) as i16
+            }
+        })
+        .collect();
+    for (confidence, q4) in confidences.iter_mut().zip(&mut map_q4) {
+        if *q4 == INVALID {
+            *confidence = 0;
+        }
+        if *confidence == 0 && config.output == Output::Sparse {
+            *q4 = INVALID;
+        }
+    }
+    if mirrored {
+        for line in map_q4.chunks_mut(pair.width) {
+            line.reverse();
+        }
+        for line in confidences.chunks_mut(pair.width) {
+            line.reverse();
+        }
+    }
+    (map_q4, confidences)
+}
+
+fn view(pair: &Pair, pixels: &[u8], a: &SgmParameters) -> View {
+    let count = pair.width * pair.height;
+    let (mut grey, mut row) = (vec![0; count], vec![0; count]);
+    luma_row(pair.format, pixels, &mut grey);
+    let plane = |row: &[u8]| {
+        row.iter()
+            .map(|&level| i32::from(level))
+            .collect::<Vec<i32>>()
+    };
+    let channels = if a.colour && !pair.format.is_grey() {
+        let channels = (0..3).map(|channel| {
+            channel_row(pair.format, pixels, channel, &mut row);
+            plane(&row)
+        });
+        channels.collect()
+    } else {
+        vec![plane(&grey)]
+    };
+    View {
+        width: pair.width as i32,
+        height: pair.height as i32,
+        grey: plane(&grey),
+        channels,
+    }
+}
+
+fn mirror(view: &mut View) {
+    for plane in view.channels.iter_mut().chain([&mut view.grey]) {
+        for line in plane.chunks_mut(view.width as usize) {
+            line.reverse();
+        }
+    }
+}
+
+fn draw(config: &Config) -> Vec<StoredOffset> {
+    let parameters = &config.parameters;
+    let mut offsets = vec![[0; 2]; usize::from(parameters.synapses)];
+    let mut generator = Pcg32::seed_from_u64(parameters.seed);
+    let half = offsets.len() / 2;
+    for (part, sigma_px) in [(0..half), (half..offsets.len())]
+        .into_iter()
+        .zip(parameters.sigmas_px)
+    {
+        Synapses::draw(
+            &mut offsets[part],
+            sigma_px,
+            parameters.support,
+            &mut generator,
+        )
+        .unwrap();
+    }
+    offsets
+}
+
+/// Exposure of the other view relative to the reference view, as learned so far.
+struct Exposure {
+    gain: [i64; 3],
+    offset: [i64; 3],
+    /// Whether gain and offset have been learned.
+    converts: bool,
+    dead_zone: i32,
+    /// Number of matches with slow and with fast fading.
+    matches: [i64; 2],
+    /// Sums over matches for each channel, with slow fading: levels of the reference view, of the
+    /// other view, squares of both, residuals; then, with fast fading, levels of the reference view
+    /// and of the other view.
+    sums: [[i64; 7]; 3],
+}
+
+impl Exposure {
+    fn convert(&self, channel: usize, raw: i32) -> i32 {
+        let converted = self.gain[channel] * i64::from(raw) + self.offset[channel];
+        ((converted + 2048) >> 12).clamp(0, 255) as i32
+    }
+
+    /// Learns from a line's matches. For each match and channel, `matches` holds the levels of both
+    /// views.
+    fn learn(&mut self, matches: &[Vec<(i32, i32)>], channels: usize) {
+        let inside = |level: i32| (1..255).contains(&level);
+        let told: Vec<&Vec<(i32, i32)>> = matches
+            .iter()
+            .filter(|levels| levels.iter().all(|&(own, raw)| inside(own) && inside(raw)))
+            .collect();
+        for (matches, fading) in self.matches.iter_mut().zip([16, 4]) {
+            *matches += told.len() as i64 - *matches / fading;
+        }
+        for channel in 0..channels {
+            let mut line = [0; 7];
+            for levels in &told {
+                let (own, raw) = levels[channel];
+                let residual = (own - self.convert(channel, raw)).abs();
+                let values = [own, raw, own * own, raw * raw, residual, own, raw];
+                for (sum, value) in line.iter_mut().zip(values) {
+                    *sum += i64::from(value);
+                }
+            }
+            let fading = [16, 16, 16, 16, 16, 4, 4];
+            for ((sum, line), fading) in self.sums[channel].iter_mut().zip(line).zip(fading) {
+                *sum += line - *sum / fading;
+            }
+        }
+        let [n, recent] = self.matches;
+        if recent < 64 {
+            self.dead_zone = 255;
+            return;
+        }
+        for channel in 0..channels {
+            let [
+                own,
+                raw,
+                own_squares,
+                raw_squares,
+                _,
+                recent_own,
+                recent_raw,
+            ] = self.sums[channel];
+            let deviation =
+                |sum: i64, squares: i64| ((n * squares - sum * sum).max(0) + 4 * n * n).isqrt();
+            let gain = (deviation(own, own_squares) << 12) / deviation(raw, raw_squares);
+            self.gain[channel] = gain.clamp(1024, 16384);
+            self.offset[channel] =
+                ((recent_own << 12) - self.gain[channel] * recent_raw).div_euclid(recent);
+        }
+        if self.converts {
+            let residuals: i64 = self.sums[..channels].iter().map(|sums| sums[4]).sum();
+            let mean_q4 = residuals * 16 / (n * channels as i64);
+            self.dead_zone = ((mean_q4 * 20) >> 8).min(255) as i32;
+        } else {
+            // The residuals so far are those of unconverted levels: start anew.
+            self.converts = true;
+            self.matches = [0; 2];
+            self.sums = [[0; 7]; 3];
+        }
+    }
+}
+
+/// Vertical offset of the other view's lines, as learned so far, 1/16 of a line; positive if they
+/// lie too low.
+#[derive(Default)]
+struct Alignment {
+    offset: i64,
+    /// Number of rows still to be left out, because lines around them were moved by another offset.
+    settling: i32,
+    squares: i64,
+    products: i64,
+}
+
+impl Alignment {
+    /// Learns from a row's matches: the pixel in the reference view, the pixel in the other view,
+    /// and the sub-pixel step of the match, 1/16 px.
+    fn learn(
+        &mut self,
+        matches: &[(i32, i32, i32)],
+        y: i32,
+        [reference, other]: [&View; 2],
+        exposure: &Exposure,
+        (offset_max, support_y): (u8, u8),
+    ) {
+        if self.settling > 0 {
+            self.settling -= 1;
+            return;
+        }
+        // Running means of differences and of gradients, times 8.
+        let mut means = [0; 2];
+        let (mut squares, mut products) = (0, 0);
+        for &(x, match_x, beyond) in matches {
+            // Only every fourth pixel is used.
+            if x % 4 != 0 {
+                continue;
+            }
+            // Neighbours in the order in which the other view is traversed, from right to left.
+            let (before, after) = (match_x + 1, match_x - 1);
+            if before >= other.width || after < 0 {
+                continue;
+            }
+            let rising = other.grey(after, y) - other.grey(before, y);
+            let level = other.grey(match_x, y) + ((rising * beyond) >> 5);
+            let green = if reference.channels.len() == 3 { 1 } else { 0 };
+            let difference = reference.grey(x, y) - exposure.convert(green, level.clamp(0, 255));
+            let gradient = other.grey(match_x, y + 1) - other.grey(match_x, y - 1);
+            if difference.abs() > 24 || gradient.abs() > 64 {
+                continue;
+            }
+            let [local_difference, local_gradient]: [i32; 2] = [0, 1].map(|i| {
+                let value = [difference, gradient][i];
+                means[i] += value - (means[i] >> 3);
+                8 * value - means[i]
+            });
+            squares += i64::from((local_gradient * local_gradient) >> 6);
+            products += i64::from((local_gradient * local_difference) >> 6);
+        }
+        self.squares += squares - (self.squares >> 4);
+        self.products += products - (self.products >> 4);
+        if self.squares < 30_000 {
+            return;
+        }
+        let change = (self.products * 512)
+            .div_euclid(self.squares)
+            .clamp(-256, 256);
+        if change.abs() >= 24 {
+            let most = i64::from(offset_max);
+            let offset = (self.offset * 16 + change + 8)
+                .div_euclid(16)
+                .clamp(-most, most);
+            *self = Self {
+                offset,
+                settling: i32::from(support_y) + 2,
+                ..Self::default()
+            };
+        }
+    }
+
+    /// Writes line `y` of the moved view as the strip has it when the line arrives, and updates the
+    /// line above it.
+    fn moved(&self, raw: &View, y: i32, view: &mut View) {
+        let planes = raw.channels.iter().chain([&raw.grey]);
+        let moved = view.channels.iter_mut().chain([&mut view.grey]);
+        for (raw, moved) in planes.zip(moved) {
+            for x in 0..raw.len() / view.height as usize {
+                let width = view.width;
+                let at = |y: i32| (y * width) as usize + x;
+                moved[at(y)] = raw[at(y)];
+                if y == 0 || self.offset == 0 {
+                    continue;
+                }
+                let (above, below) = (i64::from(raw[at(y - 1)]), i64::from(raw[at(y)]));
+                // Position between the two lines, 1/16 of a line below the upper one.
+                let place = if self.offset > 0 {
+                    self.offset
+                } else {
+                    16 + self.offset
+                };
+                let mixed = ((above * (16 - place) + below * place + 8) >> 4) as i32;
+                moved[at(if self.offset > 0 { y - 1 } else { y })] = mixed;
+            }
+        }
+    }
+}
+
+/// Takes line `y` as the strip has it when it arrives, and smooths the line above it.
+fn smooth(view: &View, y: i32, step_max: i32, smoothed: &mut [i32]) {
+    for x in 0..view.width {
+        smoothed[view.index(x, y)] = view.grey(x, y);
+        if y == 0 {
+            continue;
+        }
+        let own = view.grey(x, y - 1);
+        let near = |dx: i32, dy: i32| {
+            let level = view.grey(x + dx, y - 1 + dy);
+            if (level - own).abs() <= step_max {
+                level
+            } else {
+                own
+            }
+        };
+        let half = |a: i32, b: i32| (a + b).div_euclid(2);
+        let corners = half(
+            half(near(-1, -1), near(-1, 1)),
+            half(near(1, -1), near(1, 1)),
+        );
+        let edges = half(half(near(0, -1), near(0, 1)), half(near(-1, 0), near(1, 0)));
+        smoothed[view.index(x, y - 1)] = half(edges, half(own, corners));
+    }
+}
+
+/// Matching costs, aggregation, selection and checks, line by line, because exposure and alignment
+/// are learned on the way.
+fn find(
+    reference: &View,
+    raw_other: &View,
+    offsets: &[StoredOffset],
+    config: &Config,
+    a: &SgmParameters,
+) -> (Vec<i32>, Vec<u8>) {
+    let (width, height) = (reference.width, reference.height);
+    let (minimum, count) = (
+        i32::from(config.disparities.minimum_px),
+        usize::from(config.disparities.count),
+    );
+    let channels = reference.channels.len();
+    let mut found = Vec::new();
+    let mut confidences = Vec::new();
+    let mut above: Vec<Vec<i32>> = Vec::new();
+    let mut exposure = Exposure {
+        gain: [4096; 3],
+        offset: [0; 3],
+        converts: false,
+        dead_zone: 255,
+        matches: [0; 2],
+        sums: [[0; 7]; 3],
+    };
+    let weight = i32::from(a.difference_weight_q4);
+    let support_y = config.parameters.support.y_px;
+    let mut alignment = Alignment::default();
+    let mut other = raw_other.clone();
+    let support = config.parameters.support;
+    let smooths = a.smoothing_step > 0 && support.x_px > 0 && support.y_px > 0;
+    // Smoothed as far as lines have arrived.
+    let mut smoothed = [reference, raw_other].map(|view| view.grey.clone());
+    let mut lines_in = 0;
+    // The first line is matched twice; the first time only to learn the exposure.
+    for (y, rehearsal) in [(0, true)]
+        .into_iter()
+        .chain((0..height).map(|y| (y, false)))
+    {
+        while lines_in < height && lines_in <= y + i32::from(support_y) {
+            alignment.moved(raw_other, lines_in, &mut other);
+            if smooths {
+                for (view, smoothed) in [reference, &other].into_iter().zip(&mut smoothed) {
+                    smooth(view, lines_in, a.smoothing_step.into(), smoothed);
+                }
+            } else {
+                smoothed[1].clone_from(&other.grey);
+            }
+            lines_in += 1;
+        }
+        let other = &other;
+        let dead_zone = exposure.dead_zone;
+        // The first half of the synapses samples the smoothed view.
+        let cells = |view: &View, smoothed: &[i32], x: i32| -> Vec<bool> {
+            let n = offsets.len();
+            let sample = |r: usize| {
+                let [dx, dy] = offsets[r].map(i32::from);
+                let levels = if r < n / 2 { smoothed } else { &view.grey };
+                levels[view.index(x + dx, y + dy)]
+            };
+            (0..n).map(|r| sample(r) > sample((r + 1) % n)).collect()
+        };
+        let stored: Vec<Vec<bool>> = (0..width).map(|x| cells(other, &smoothed[1], x)).collect();
+        let mut costs: Vec<Vec<i32>> = Vec::new();
+        for x in 0..width {
+            let input = cells(reference, &smoothed[0], x);
+            let mask = mask(reference, offsets, x, y, a);
+            let kept = mask.iter().filter(|&&kept| kept).count() as i32;
+            let cell_cost = (i32::from(a.hamming_scale) * 256 + kept / 2) / kept;
+            let mut line = Vec::new();
+            for j in 0..count as i32 {
+                let match_x = (x - minimum - j).clamp(0, width - 1);
+                let pattern = &stored[match_x as usize];
+                let differing = (0..input.len())
+                    .filter(|&r| mask[r] && input[r] != pattern[r])
+                    .count() as i32;
+                let mut cost =
+                    ((differing * cell_cost + 128) >> 8).min(a.hamming_truncation.into());
+                if weight > 0 {
+                    let mut difference = 0;
+                    for channel in 0..channels {
+                        let own = reference.channels[channel][reference.index(x, y)];
+                        let raw = other.channels[channel][other.index(match_x, y)];
+                        let level = exposure.convert(channel, raw);
+                        let low = if raw == 0 {
+                            0
+                        } else {
+                            (level - dead_zone).max(0)
+                        };
+                        let high = if raw == 255 {
+                            255
+                        } else {
+                            (level + dead_zone).min(255)
+                        };
+                        difference += (own - high).max(low - own).max(0);
+                    }
+                    if channels == 3 {
+                        difference = (difference * 85) >> 8;
+                    }
+                    cost += (difference.min(a.difference_truncation.into()) * weight) >> 4;
+                }
+                line.push(cost);
+            }
+            costs.push(line);
+        }
+        let penalty = |x: i32, from: (i32, i32)| {
+            let step = (reference.grey(x, y) - reference.grey(from.0, from.1)).abs();
+            (i32::from(a.p2) - ((i32::from(a.p2_adaptation_q4) * step) >> 4)).max(a.p2_floor.into())
+        };
+        let p1 = i32::from(a.p1);
+        let mut left: Vec<Vec<i32>> = Vec::new();
+        for x in 0..width {
+            let path = match left.last() {
+                Some(previous) => step(previous, &costs[x as usize], p1, penalty(x, (x - 1, y))),
+                None => costs[x as usize].clone(),
+            };
+            left.push(path);
+        }
+        let mut right: Vec<Vec<i32>> = Vec::new();
+        for x in (0..width).rev() {
+            let path = match right.last() {
+                Some(previous) => step(previous, &costs[x as usize], p1, penalty(x, (x + 1, y))),
+                None => costs[x as usize].clone(),
+            };
+            right.push(path);
+        }
+        right.reverse();
+        above = (0..width)
+            .map(|x| match above.get(x as usize) {
+                Some(previous) => step(previous, &costs[x as usize], p1, penalty(x, (x, y - 1))),
+                None => costs[x as usize].clone(),
+            })
+            .collect();
+        let sum =
+            |x: i32, j: usize| left[x as usize][j] + right[x as usize][j] + above[x as usize][j];
+        // Best disparity of a pixel of the other view, among all pixels of the reference view that
+        // may match it.
+        let best_of_other = |match_x: i32| -> Option<usize> {
+            let meeting =
+                (0..count).filter(|&j| (0..width).contains(&(match_x + minimum + j as i32)));
+            meeting.min_by_key(|&j| (sum(match_x + minimum + j as i32, j), j))
+        };
+        let mut matches = Vec::new();
+        let mut levels_of_matches = Vec::new();
+        for x in 0..width {
+            let best = (0..count).min_by_key(|&j| (sum(x, j), j)).unwrap();
+            let second = (0..count)
+                .filter(|&j| j.abs_diff(best) > 1)
+                .map(|j| sum(x, j))
+                .min();
+            let margin = second.unwrap_or(i32::from(i16::MAX)) - sum(x, best);
+            let mut refined = best as i32 * 16;
+            if best > 0 && best + 1 < count {
+                let (before, after) = (
+                    sum(x, best - 1) - sum(x, best),
+                    sum(x, best + 1) - sum(x, best),
+                );
+                if before + after > 0 {
+                    refined += (8.0 * f64::from(before - after) / f64::from(before + after)).round()
+                        as i32;
+                }
+            }
+            let match_x = x - minimum - best as i32;
+            let inside = (0..width).contains(&match_x);
+            let agrees = inside
+                && best_of_other(match_x)
+                    .is_some_and(|other| other.abs_diff(best) <= a.left_right_tolerance_px.into());
+            let reach = i32::from(config.parameters.support.x_px);
+            let grey_step = |u: i32| reference.grey(u + 1, y).abs_diff(reference.grey(u, y));
+            let texture: u32 = (x - reach..x + reach).map(grey_step).sum();
+            let clear = margin >= a.margin.into() && texture >= a.texture_min.into();
+            found.push(match (agrees, clear) {
+                (true, true) => refined,
+                (true, false) => !refined,
+                (false, _) => INVALID.into(),
+            });
+            confidences.push(if agrees && clear {
+                margin.clamp(1, 255) as u8
+            } else {
+                0
+            });
+            // Only every other pixel is used.
+            if agrees && clear && x % 2 == 0 {
+                let levels = |channel: usize| {
+                    (
+                        reference.channels[channel][reference.index(x, y)],
+                        other.channels[channel][other.index(match_x, y)],
+                    )
+                };
+                levels_of_matches.push((0..channels).map(levels).collect());
+                matches.push((x, match_x, refined - best as i32 * 16));
+            }
+        }
+        let is_inside = y > 0 && y + 1 < lines_in;
+        if a.line_offset_max_q4 > 0 && weight > 0 && is_inside && exposure.dead_zone < 255 {
+            let views = [reference, other];
+            let limits = (a.line_offset_max_q4, support_y);
+            alignment.learn(&matches, y, views, &exposure, limits);
+        }
+        exposure.learn(&levels_of_matches, channels);
+        if rehearsal {
+            exposure.learn(&levels_of_matches, channels);
+            found.clear();
+            confidences.clear();
+            above.clear();
+        }
+    }
+    (found, confidences)
+}
+
+/// One step of the recursion of path costs (Hirschmueller 2008, equation 13).
+fn step(previous: &[i32], costs: &[i32], p1: i32, p2: i32) -> Vec<i32> {
+    let least = *previous.iter().min().unwrap();
+    let at = |j: i32| {
+        usize::try_from(j)
+            .ok()
+            .and_then(|j| previous.get(j))
+            .copied()
+    };
+    (0..costs.len() as i32)
+        .map(|j| {
+            let neighbours = [j - 1, j + 1]
+                .into_iter()
+                .filter_map(at)
+                .map(|cost| cost + p1);
+            let onward = neighbours
+                .chain([previous[j as usize], least + p2])
+                .min()
+                .unwrap();
+            costs[j as usize] + onward - least
+        })
+        .collect()
+}
+
+fn mask(view: &View, offsets: &[StoredOffset], x: i32, y: i32, a: &SgmParameters) -> Vec<bool> {
+    let n = offsets.len();
+    if a.kept_cells_q8 >= 256 {
+        return vec![true; n];
+    }
+    let centre = view.index(x, y);
+    let unlike = |r: usize| {
+        let [dx, dy] = offsets[r % n];
+        view.difference(view.index(x + i32::from(dx), y + i32::from(dy)), centre)
+            .min(255)
+    };
+    let cells: Vec<i32> = (0..n).map(|r| unlike(r).max(unlike(r + 1))).collect();
+    let kept = (n * usize::from(a.kept_cells_q8)).div_ceil(256).max(1);
+    let parts = if view.channels.len() == 1 { 3 } else { 1 };
+    let floor = i32::from(a.mask_floor) / parts;
+    let step = (i32::from(a.mask_step.get()) / parts).max(1);
+    let enough = |&threshold: &i32| cells.iter().filter(|&&c| c <= threshold).count() >= kept;
+    let higher = (0..9).map(|doublings| floor + (step << doublings));
+    let threshold = [floor].into_iter().chain(higher).find(enough).unwrap();
+    cells.iter().map(|&cell| cell <= threshold).collect()
+}
+
+/// Rejects every pixel whose region, followed no further than the lines of its window, is too
+/// small.
+fn without_speckles(map: &[i32], view: &View, parameters: &SpeckleParameters) -> Vec<i32> {
+    let none = i32::from(INVALID);
+    // A disparity in doubt is stored as its complement.
+    let disparity = |i: usize| if map[i] < 0 { !map[i] } else { map[i] };
+    let reach = i32::from(parameters.reach_y_px);
+    let mut output = map.to_vec();
+    for y in 0..view.height {
+        let lines = (y - reach).max(0)..=(y + reach).min(view.height - 1);
+        for x in 0..view.width {
+            if map[view.index(x, y)] == none {
+                continue;
+            }
+            let mut painted = HashSet::from([(x, y)]);
+            let mut front = vec![(x, y)];
+            while let Some((x, y)) = front.pop() {
+                for (u, v) in [(x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)] {
+                    let inside = (0..view.width).contains(&u) && lines.contains(&v);
+                    if inside
+                        && map[view.index(u, v)] != none
+                        && disparity(view.index(u, v)).abs_diff(disparity(view.index(x, y)))
+                            <= u32::from(parameters.step_q4)
+                        && painted.insert((u, v))
+                    {
+                        front.push((u, v));
+                    }
+                }
+            }
+            if painted.len() < usize::from(parameters.size_min) {
+                output[view.index(x, y)] = none;
+            }
+        }
+    }
+    output
+}
+
+fn first_known(map: &[i32], view: &View) -> Vec<i32> {
+    let lines = map.chunks(view.width as usize);
+    lines
+        .map(|line| {
+            line.iter()
+                .position(|&found| found >= 0)
+                .map_or(view.width, |x| x as i32)
+        })
+        .collect()
+}
+
+fn vote(
+    view: &View,
+    map: &[i32],
+    x: i32,
+    y: i32,
+    config: &Config,
+    parameters: &vgstereo_core::config::RegionVoteParameters,
+) -> Option<i32> {
+    // Length of the arm from (x, y) in steps of (dx, dy): the pixels of similar colour.
+    let arm = |x: i32, y: i32, dx: i32, dy: i32, reach: u8| -> i32 {
+        let mut length = 0;
+        while length < i32::from(reach) {
+            let (u, v) = (x + dx * (length + 1), y + dy * (length + 1));
+            let near = length < i32::from(reach / 2);
+            let step = if near {
+                parameters.near_step
+            } else {
+                parameters.far_step
+            };
+            let inside = (0..view.width).contains(&u) && (0..view.height).contains(&v);
+            if !inside
+                || view.largest_difference(view.index(u, v), view.index(x, y)) > i32::from(step)
+            {
+                break;
+            }
+            length += 1;
+        }
+        length
+    };
+    let mut votes = vec![0; usize::from(config.disparities.count) + 1];
+    let (up, down) = (
+        arm(x, y, 0, -1, parameters.reach_y_px),
+        arm(x, y, 0, 1, parameters.reach_y_px),
+    );
+    for v in (y - up..=y + down).filter(|v| (v - y) % 2 == 0) {
+        let (left, right) = (
+            arm(x, v, -1, 0, parameters.reach_x_px),
+            arm(x, v, 1, 0, parameters.reach_x_px),
+        );
+        for u in (x - left..=x + right).step_by(2) {
+            let found = map[view.index(u, v)];
+            if found >= 0 {
+                votes[(found as usize + 8) / 16] += 1;
+            }
+        }
+    }
+    let total: u32 = votes.iter().sum();
+    let most = *votes.iter().max().unwrap();
+    let winner = votes.iter().position(|&count| count == most).unwrap();
+    let wins = total > parameters.support_min.into()
+        && most * 100 > total * u32::from(parameters.share_min_percent);
+    wins.then_some(winner as i32 * 16)
+}
+
+fn border(map: &mut [i32], view: &View, largest: i32) {
+    let mut slope = 0_i64;
+    for line in map.chunks_mut(view.width as usize) {
+        let Some(first) = line.iter().position(|&found| found >= 0) else {
+            continue;
+        };
+        let known: Vec<(i64, i64)> = (0_i64..32)
+            .zip(&line[first..])
+            .filter(|&(_, &found)| found >= 0)
+            .map(|(x, &found)| (x, i64::from(found)))
+            .collect();
+        let n = known.len() as i64;
+        if first == 0 || n < 4 {
+            continue;
+        }
+        let sum = |f: &dyn Fn(i64, i64) -> i64| known.iter().map(|&(x, y)| f(x, y)).sum::<i64>();
+        let (sx, sy, sxx, sxy) = (
+            sum(&|x, _| x),
+            sum(&|_, y| y),
+            sum(&|x, _| x * x),
+            sum(&|x, y| x * y),
+        );
+        let fitted =
+            (((n * sxy - sx * sy) * 4096).div_euclid(n * sxx - sx * sx)).clamp(-8192, 8192);
+        slope += (fitted - slope) >> 3;
+        let at_first = (sy * 4096 - slope * sx).div_euclid(n);
+        for (x, pixel) in line[..first].iter_mut().enumerate() {
+            let value = (at_first + slope * (x as i64 - first as i64) + 2048) >> 12;
+            *pixel = value.clamp(0, largest.into()) as i32;
+        }
+    }
+}
+
+fn fill(map: &mut [i32], view: &View) {
+    for line in map.chunks_mut(view.width as usize) {
+        let known = line.to_vec();
+        for x in 0..known.len() {
+            if known[x] < 0 {
+                let left = known[..x].iter().rev().find(|&&found| found >= 0);
+                let right = known[x..].iter().find(|&&found| found >= 0);
+                line[x] = left
+                    .into_iter()
+                    .chain(right)
+                    .min()
+                    .copied()
+                    .unwrap_or(INVALID.into());
+            }
+        }
+    }
+}
+
+fn median(map: &[i32], view: &View) -> Vec<i32> {
+    let mut output = Vec::new();
+    for y in 0..view.height {
+        for x in 0..view.width {
+            let around = (y - 1..=y + 1).flat_map(|v| (x - 1..=x + 1).map(move |u| (u, v)));
+            let mut values: Vec<i32> = around.map(|(u, v)| map[view.index(u, v)]).collect();
+            values.sort_unstable();
+            output.push(values[4]);
+        }
+    }
+    output
+}
+
+fn weighted_median(
+    map: &[i32],
+    view: &View,
+    (reach_x, reach_y): (i32, i32),
+    colour_reach: i32,
+) -> Vec<i32> {
+    let mut output = Vec::new();
+    let times = if view.channels.len() == 1 { 3 } else { 1 };
+    for y in 0..view.height {
+        for x in 0..view.width {
+            let mut values = Vec::new();
+            for v in (y - reach_y).max(0)..=(y + reach_y).min(view.height - 1) {
+                for u in (x - reach_x).max(0)..=(x + reach_x).min(view.width - 1) {
+                    // The taps are every other pixel of every other row.
+                    if (u - x) % 2 != 0 || (v - y) % 2 != 0 {
+                        continue;
+                    }
+                    let value = map[view.index(u, v)];
+                    let unlike = view.difference(view.index(u, v), view.index(x, y)) * times;
+                    let like = (colour_reach - unlike).max(0);
+                    let place = (20 - (u - x).abs() - (v - y).abs()).max(1);
+                    let weight = (((like * like) >> 4) * place) >> 4;
+                    if value != i32::from(INVALID) {
+                        values.push((value, weight));
+                    }
+                }
+            }
+            values.sort_unstable();
+            let total: i32 = values.iter().map(|&(_, weight)| weight).sum();
+            let mut below = 0;
+            let median = values.iter().find(|&&(_, weight)| {
+                below += weight;
+                weight > 0 && 2 * below >= total
+            });
+            output.push(median.map_or(INVALID.into(), |&(value, _)| value));
+        }
+    }
+    output
+}

@@ -1,0 +1,896 @@
+//! The SGM method: streamed frames compared with the whole-image oracle, and further guarantees.
+
+use std::num::NonZeroU8;
+
+use proptest::prelude::*;
+use rand_core::{Rng, SeedableRng};
+use rand_pcg::Pcg32;
+use vgstereo_core::config::{
+    RegionVoteParameters, SpeckleParameters, Support, WeightedMedianParameters,
+};
+use vgstereo_core::disparity::px_to_q4;
+use vgstereo_core::kernel::luma_row;
+use vgstereo_core::rows::OutOfMemory;
+use vgstereo_core::{
+    Config, ConfigError, DisparityRange, INVALID, Matcher, Method, Output, Parameters, Portable,
+    Preset, Reference, Region, SgmParameters,
+};
+use vgstereo_firmware::camera::PixelFormat;
+use vgstereo_kernels::NativeKernels;
+use vgstereo_sim::exposure::Exposure;
+use vgstereo_sim::frame::match_frame;
+use vgstereo_sim::render::{RenderOptions, render};
+use vgstereo_sim::views::Views;
+use vgstereo_tests::{Map, Pair, oracle};
+
+fn micro() -> SgmParameters {
+    match Preset::Micro.parameters().method {
+        Method::Sgm(aggregation) => aggregation,
+        Method::Recall(_) => panic!("micro aggregates"),
+    }
+}
+
+/// SGM parameters near those of the preset `micro`, sometimes without some of the stages.
+fn aggregation() -> impl Strategy<Value = SgmParameters> {
+    let masks = (
+        prop_oneof![Just(103_u16), Just(256), 1_u16..=256],
+        0_u8..=60,
+        (1_u8..=255).prop_map(|step| NonZeroU8::new(step).unwrap()),
+    );
+    let costs = (
+        1_u8..=120,
+        0_u8..=60,
+        prop_oneof![Just(0_u8), Just(24), 1_u8..=48],
+        0_u8..=30,
+        prop_oneof![Just(0_u8), Just(16), 1_u8..=16],
+    );
+    let penalties = (0_u8..=30, 0_u8..=60, 0_u8..=40, 0_u8..=32);
+    let texture_min = prop_oneof![2 => Just(0_u16), 1 => 0_u16..=1500];
+    let checks = (0_u8..=2, -1_i16..=30, texture_min);
+    let vote = (
+        0_u8..=25,
+        0_u8..=4,
+        0_u8..=40,
+        0_u8..=40,
+        0_u8..=8,
+        0_u8..=60,
+    )
+        .prop_map(
+            |(reach_x_px, reach_y_px, near_step, far_step, support_min, share_min_percent)| {
+                RegionVoteParameters {
+                    reach_x_px,
+                    reach_y_px,
+                    near_step,
+                    far_step,
+                    support_min,
+                    share_min_percent,
+                }
+            },
+        );
+    let weighted_median =
+        (0_u8..=6, 0_u8..=2, 4_u8..=48).prop_map(|(half_x, half_y, colour_reach)| {
+            WeightedMedianParameters {
+                reach_x_px: 2 * half_x,
+                reach_y_px: 2 * half_y,
+                colour_reach,
+            }
+        });
+    let speckle = (0_u8..=40, 0_u8..=40, 0_u8..=3).prop_map(|(size_min, step_q4, reach_y_px)| {
+        SpeckleParameters {
+            size_min,
+            step_q4,
+            reach_y_px,
+        }
+    });
+    let refinement = (
+        prop::option::of(speckle),
+        prop::option::weighted(0.8, vote),
+        prop::option::weighted(0.8, weighted_median),
+    );
+    let levels = (
+        prop::bool::weighted(0.75),
+        prop_oneof![1 => Just(0_u8), 3 => 1_u8..=40],
+    );
+    (levels, masks, costs, penalties, checks, refinement).prop_map(
+        |((colour, smoothing_step), masks, costs, penalties, checks, refinement)| {
+            let p2 = penalties.0 + penalties.1;
+            SgmParameters {
+                colour,
+                smoothing_step,
+                kept_cells_q8: masks.0,
+                mask_floor: masks.1,
+                mask_step: masks.2,
+                hamming_scale: costs.0,
+                hamming_truncation: costs.1,
+                difference_weight_q4: costs.2,
+                difference_truncation: costs.3,
+                line_offset_max_q4: costs.4,
+                p1: penalties.0,
+                p2,
+                p2_floor: penalties.2.min(p2),
+                p2_adaptation_q4: penalties.3,
+                left_right_tolerance_px: checks.0,
+                margin: checks.1,
+                texture_min: checks.2,
+                speckle: refinement.0,
+                vote: refinement.1,
+                weighted_median: refinement.2,
+            }
+        },
+    )
+}
+
+fn parameters() -> impl Strategy<Value = Parameters> {
+    let support = (0_u8..9, 0_u8..6).prop_map(|(x_px, y_px)| Support { x_px, y_px });
+    let own = (
+        1_u16..=8,
+        prop::array::uniform2(0.3_f32..6.0),
+        support,
+        any::<u64>(),
+        aggregation(),
+    )
+        .prop_map(
+            |(words, sigmas_px, support, seed, aggregation)| Parameters {
+                synapses: 16 * words,
+                sigmas_px,
+                support,
+                seed,
+                method: Method::Sgm(aggregation),
+            },
+        );
+    prop_oneof![
+        1 => any::<u64>().prop_map(|seed| Preset::Micro.parameters().with_seed(seed)),
+        3 => own,
+    ]
+}
+
+fn disparities(width: usize) -> impl Strategy<Value = DisparityRange> {
+    let widest = width as i16 - 1;
+    (-widest..=widest).prop_flat_map(move |minimum_px| {
+        (minimum_px..=widest).prop_map(move |maximum_px| DisparityRange {
+            minimum_px,
+            count: (maximum_px - minimum_px + 1).unsigned_abs(),
+        })
+    })
+}
+
+/// Makes the right view follow the left at a few disparities, so that some matches pass the checks
+/// and others do not. Some lines are left unrelated.
+fn follow(pair: &mut Pair, range: DisparityRange, seed: u64) {
+    let mut random = Pcg32::seed_from_u64(seed);
+    let bytes = pair.format.bytes_per_pixel();
+    let row_bytes = pair.width * bytes;
+    let lines = pair
+        .left
+        .chunks_exact(row_bytes)
+        .zip(pair.right.chunks_exact_mut(row_bytes));
+    for (left, right) in lines {
+        if random.next_u32() % 8 == 0 {
+            continue;
+        }
+        let mut shift = range.minimum_px;
+        for x in 0..pair.width {
+            if x == 0 || random.next_u32() % 16 == 0 {
+                let index = random.next_u32() % u32::from(range.count);
+                shift = range.minimum_px + index as i16;
+            }
+            let Some(from) = x.checked_add_signed(shift.into()) else {
+                continue;
+            };
+            if from < pair.width && random.next_u32() % 32 > 0 {
+                right[x * bytes..(x + 1) * bytes]
+                    .copy_from_slice(&left[from * bytes..(from + 1) * bytes]);
+            }
+        }
+    }
+}
+
+/// A pair, and a configuration that fits it, with the whole view as its region.
+fn matching() -> impl Strategy<Value = (Pair, Config)> {
+    let format = prop_oneof![Just(PixelFormat::Grey8), Just(PixelFormat::Rgb888)];
+    let reference = prop_oneof![Just(Reference::Left), Just(Reference::Right)];
+    let output = prop_oneof![2 => Just(Output::Dense), 1 => Just(Output::Sparse)];
+    let size = (1_usize..=70, 1_usize..26, 2_u32..=256, any::<u64>());
+    (size, format, reference, output, parameters()).prop_flat_map(
+        |((width, height, levels, seed), format, reference, output, parameters)| {
+            disparities(width).prop_map(move |disparities| {
+                let mut pair = Pair::random_in(format, width, height, levels, seed);
+                if seed % 4 > 0 {
+                    follow(&mut pair, disparities, seed);
+                }
+                let config = Config {
+                    reference,
+                    colour: !format.is_grey(),
+                    output,
+                    ..Config::new(parameters, width as u16, disparities)
+                };
+                (pair, config)
+            })
+        },
+    )
+}
+
+/// Reverses the columns of every line.
+fn mirrored<T: Copy>(values: &[T], width: usize, per_pixel: usize) -> Vec<T> {
+    let lines = values.chunks_exact(width * per_pixel);
+    lines
+        .flat_map(|line| line.chunks_exact(per_pixel).rev().flatten().copied())
+        .collect()
+}
+
+/// Asserts what holds for every line, whatever the views show: disparities are within the range,
+/// and invalid ones have no confidence.
+#[track_caller]
+fn assert_sound(map: &Map, config: &Config) {
+    let range = config.disparities.range_px();
+    let range_q4 = px_to_q4(range.start as i16)..=px_to_q4((range.end - 1) as i16);
+    for (&disparity_q4, &confidence) in map.disparities_q4.iter().zip(&map.confidences) {
+        if disparity_q4 == INVALID {
+            assert_eq!(confidence, 0, "confidence of no disparity");
+        } else {
+            assert!(range_q4.contains(&disparity_q4), "{disparity_q4}");
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 150, ..ProptestConfig::default() })]
+
+    #[test]
+    fn all_kernels_give_the_bits_of_the_oracle((pair, config) in matching()) {
+        let (disparities_q4, confidences) = oracle::sgm::match_whole(&pair, &config);
+        let expected = Map { disparities_q4, confidences };
+        for kernels in NativeKernels::available() {
+            let found = pair.stream_with_confidences(&config, kernels);
+            prop_assert_eq!(&found.disparities_q4, &expected.disparities_q4, "{}", kernels.name());
+            prop_assert_eq!(&found.confidences, &expected.confidences, "{}", kernels.name());
+        }
+    }
+
+    #[test]
+    fn two_threads_give_the_bits_of_one(
+        (pair, mut config) in matching(),
+        [x, y, width, height] in prop::array::uniform4(0_u16..70),
+    ) {
+        let x = x.min(config.width - 1);
+        config.region = Region {
+            x,
+            y: (y / 4).into(),
+            width: width.clamp(1, config.width - x),
+            height: u32::from(height / 2) + 1,
+        };
+        let views = pair.views();
+        let kernels = NativeKernels::fastest();
+        let alone = pair.stream_with_confidences(&config, kernels);
+        let matched = match_frame(&config, &views, kernels, 2).unwrap();
+        prop_assert_eq!(matched.disparities_q4, alone.disparities_q4);
+        prop_assert_eq!(matched.confidences, alone.confidences);
+    }
+
+    /// Sparse lines are dense lines without the disparities that were filled in.
+    #[test]
+    fn sparse_lines_have_what_was_found((pair, config) in matching()) {
+        let [dense, sparse] = [Output::Dense, Output::Sparse].map(|output| {
+            pair.stream_with_confidences(&Config { output, ..config }, NativeKernels::fastest())
+        });
+        let found = dense.disparities_q4.iter().zip(&dense.confidences);
+        let expected: Vec<i16> = found
+            .map(|(&disparity_q4, &confidence)| if confidence > 0 { disparity_q4 } else { INVALID })
+            .collect();
+        prop_assert!(sparse.disparities_q4 == expected && sparse.confidences == dense.confidences);
+    }
+
+    #[test]
+    fn lines_are_sound((pair, config) in matching()) {
+        assert_sound(&pair.stream_with_confidences(&config, NativeKernels::fastest()), &config);
+    }
+
+    /// Offsets within one column are their own mirror image, and so the method is symmetric.
+    #[test]
+    fn the_right_view_is_the_left_one_of_the_mirrored_pair((pair, config) in matching()) {
+        let mut config = config;
+        config.parameters.support.x_px = 0;
+        let pixel = pair.format.bytes_per_pixel();
+        let exchanged = Pair {
+            left: mirrored(&pair.right, pair.width, pixel),
+            right: mirrored(&pair.left, pair.width, pixel),
+            ..pair.clone()
+        };
+        let right = Config { reference: Reference::Right, ..config };
+        let left = Config { reference: Reference::Left, ..config };
+        let found = pair.stream_with_confidences(&right, Portable);
+        let other = exchanged.stream_with_confidences(&left, Portable);
+        let expected = Map {
+            disparities_q4: mirrored(&other.disparities_q4, pair.width, 1),
+            confidences: mirrored(&other.confidences, pair.width, 1),
+        };
+        prop_assert!(found == expected);
+    }
+
+    /// If colour is not used, colour lines are matched by their luma.
+    #[test]
+    fn without_colour_the_luma_is_matched((pair, config) in matching(), format in 0..PixelFormat::ALL.len()) {
+        let format = PixelFormat::ALL[format];
+        let mut config = config;
+        if let Method::Sgm(aggregation) = &mut config.parameters.method {
+            aggregation.colour = false;
+        }
+        let mut pair = Pair::random_in(format, pair.width, pair.height, 256, 1);
+        follow(&mut pair, config.disparities, 2);
+        let luma = |view: &[u8]| {
+            let mut grey = vec![0; pair.width * pair.height];
+            luma_row(format, view, &mut grey);
+            grey
+        };
+        let grey = Pair {
+            format: PixelFormat::Grey8,
+            left: luma(&pair.left),
+            right: luma(&pair.right),
+            ..pair.clone()
+        };
+        let found = pair.stream_with_confidences(&Config { colour: !format.is_grey(), ..config }, Portable);
+        let grey_config = Config { colour: false, ..config };
+        prop_assert!(found == grey.stream_with_confidences(&grey_config, Portable));
+    }
+
+    /// A matcher accepts the stated memory, whatever is in it, and refuses one word less.
+    #[test]
+    fn the_stated_memory_is_exact(
+        (pair, config) in matching(),
+        corners in any::<[prop::sample::Index; 2]>(),
+    ) {
+        let x = corners[0].index(pair.width);
+        let width = 1 + corners[1].index(pair.width - x);
+        let region = Region { x: x as u16, width: width as u16, ..config.region };
+        for config in [config, Config { region, ..config }] {
+            let mut memory = vec![u32::MAX; config.memory_words()];
+            prop_assert!(Matcher::new(&config, Portable, &mut memory).is_ok());
+            let refused = Matcher::new(&config, Portable, &mut memory[1..]).err();
+            prop_assert_eq!(refused, Some(ConfigError::Memory(OutOfMemory)));
+        }
+    }
+
+    #[test]
+    fn two_frames_in_a_row_equal_each_alone(
+        (first, config) in matching(),
+        height in 1_usize..26,
+        broken_off in any::<prop::sample::Index>(),
+        seed in any::<u64>(),
+    ) {
+        let mut second = Pair::random_in(first.format, first.width, height, 200, seed);
+        follow(&mut second, config.disparities, seed);
+        let alone = [&first, &second].map(|pair| pair.stream_with_confidences(&config, Portable));
+        let mut memory = vec![u32::MAX; config.memory_words()];
+        let mut matcher = Matcher::new(&config, Portable, &mut memory).unwrap();
+        prop_assert!(first.stream_through(&mut matcher) == alone[0]);
+        prop_assert!(second.stream_through(&mut matcher) == alone[1]);
+        for (left, right) in first.lines().take(broken_off.index(first.height)) {
+            matcher.push(&left, &right).unwrap();
+        }
+        matcher.reset();
+        prop_assert!(second.stream_through(&mut matcher) == alone[1]);
+    }
+
+    /// A region with fewer columns is a crop of the whole lines, because whole lines are matched.
+    #[test]
+    fn columns_of_a_region_are_a_crop(
+        (pair, config) in matching(),
+        corners in any::<[prop::sample::Index; 4]>(),
+    ) {
+        let x = corners[0].index(pair.width);
+        let y = corners[1].index(pair.height) as u32;
+        let width = 1 + corners[2].index(pair.width - x);
+        let height = 1 + corners[3].index(pair.height - y as usize) as u32;
+        let lines = Region { y, height, ..config.region };
+        let whole = pair.stream_with_confidences(&Config { region: lines, ..config }, Portable);
+        let region = Region { x: x as u16, width: width as u16, ..lines };
+        let found = pair.stream_with_confidences(&Config { region, ..config }, Portable);
+        let crop = |line: &[i16]| line[x..x + width].to_vec();
+        let disparities_q4 = whole.disparities_q4.chunks(pair.width).flat_map(crop).collect();
+        let crop = |line: &[u8]| line[x..x + width].to_vec();
+        let confidences = whole.confidences.chunks(pair.width).flat_map(crop).collect();
+        let expected = Map { disparities_q4, confidences };
+        prop_assert!(found == expected);
+    }
+
+    /// Below a region, only the lines within reach of the synapses matter: neither lines further
+    /// down nor the time at which the region's lines are flushed change the result.
+    #[test]
+    fn lines_below_the_reach_of_a_region_do_not_matter(
+        (pair, config) in matching(),
+        corners in any::<[prop::sample::Index; 2]>(),
+    ) {
+        let y = corners[0].index(pair.height);
+        let height = 1 + corners[1].index(pair.height - y);
+        let region = Region { y: y as u32, height: height as u32, ..config.region };
+        let config = Config { region, ..config };
+        let end = (y + height + usize::from(config.parameters.support.y_px)).min(pair.height);
+        let bytes = end * pair.format.line_bytes(config.width);
+        let cut = Pair {
+            height: end,
+            left: pair.left[..bytes].to_vec(),
+            right: pair.right[..bytes].to_vec(),
+            ..pair.clone()
+        };
+        let found = pair.stream_with_confidences(&config, Portable);
+        prop_assert!(found == cut.stream_with_confidences(&config, Portable));
+    }
+}
+
+/// If the cameras do not look along the same lines, the lines are moved as in the oracle.
+#[test]
+fn lines_that_lie_too_low_give_the_bits_of_the_oracle() {
+    for (line_offset_px, grey, reference) in [
+        (0.4, false, Reference::Left),
+        (-0.7, true, Reference::Left),
+        (0.8, true, Reference::Right),
+    ] {
+        let scene = render(&RenderOptions {
+            width: 150,
+            height: 110,
+            d_max: 15,
+            line_offset_px,
+            exposure: Exposure {
+                gain: 1.1,
+                offset: 4.0,
+                ..Exposure::EQUAL
+            },
+            ..RenderOptions::default()
+        });
+        let views = Views::new(&scene.left, &scene.right, grey).unwrap();
+        let pair = Pair {
+            width: 150,
+            height: 110,
+            format: views.format,
+            left: views.left,
+            right: views.right,
+        };
+        let config = Config {
+            reference,
+            colour: !grey,
+            ..Config::new(Preset::Micro.parameters(), 150, DisparityRange::up_to(15))
+        };
+        let (disparities_q4, confidences) = oracle::sgm::match_whole(&pair, &config);
+        let expected = Map {
+            disparities_q4,
+            confidences,
+        };
+        for kernels in NativeKernels::available() {
+            let found = pair.stream_with_confidences(&config, kernels);
+            assert!(found == expected, "{line_offset_px}, {}", kernels.name());
+        }
+        let mut unmoved = config;
+        if let Method::Sgm(aggregation) = &mut unmoved.parameters.method {
+            aggregation.line_offset_max_q4 = 0;
+        }
+        let unmoved = pair.stream_with_confidences(&unmoved, NativeKernels::fastest());
+        assert!(unmoved != expected, "{line_offset_px}: no line was moved");
+    }
+}
+
+/// A shifted texture has the disparity of its shift, for both references, in grey and in colour,
+/// also if it is negative.
+#[test]
+fn a_shifted_texture_has_its_shift() {
+    let (width, height, shift) = (96_usize, 24, 7_usize);
+    for format in [PixelFormat::Grey8, PixelFormat::Rgb888] {
+        let pixel = format.bytes_per_pixel();
+        let mut random = Pcg32::seed_from_u64(4);
+        let strip: Vec<u8> = (0..(width + shift) * height * pixel)
+            .map(|_| random.next_u32() as u8)
+            .collect();
+        let cut = |from: usize| -> Vec<u8> {
+            let lines = strip.chunks_exact((width + shift) * pixel);
+            lines
+                .flat_map(|line| line[from * pixel..(from + width) * pixel].to_vec())
+                .collect()
+        };
+        let (near, far) = (cut(0), cut(shift));
+        for (left, right, expected) in [(&near, &far, 7), (&far, &near, -7)] {
+            let pair = Pair {
+                format,
+                width,
+                height,
+                left: left.clone(),
+                right: right.clone(),
+            };
+            for reference in [Reference::Left, Reference::Right] {
+                let range = DisparityRange {
+                    minimum_px: -12,
+                    count: 25,
+                };
+                let config = Config {
+                    reference,
+                    colour: !format.is_grey(),
+                    ..Config::new(Preset::Micro.parameters(), width as u16, range)
+                };
+                let map = pair.stream_with_confidences(&config, Portable);
+                assert_sound(&map, &config);
+                let lines = map.disparities_q4.chunks_exact(width);
+                for (line, confidences) in lines.zip(map.confidences.chunks_exact(width)) {
+                    // Away from the sides, the match and all samples are within both views. The
+                    // parabola through the sums may be off by 1/16 px.
+                    let inner = 20..width - 20;
+                    for (&d, &confidence) in line[inner.clone()].iter().zip(&confidences[inner]) {
+                        assert!(
+                            (d - expected * 16).abs() <= 1,
+                            "{format:?}, {reference:?}: {d}"
+                        );
+                        assert!(confidence > 0, "{format:?}, {reference:?}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// On a blank wall between two textures, disparities lose their confidence if texture is required,
+/// and only there.
+#[test]
+fn without_texture_nothing_is_found() {
+    let (width, height, wall) = (120_usize, 12, 40..80_usize);
+    let mut pair = Pair::random(width, height, 256, 8);
+    for line in pair.left.chunks_exact_mut(width) {
+        line[wall.clone()].fill(90);
+    }
+    pair.right.clone_from(&pair.left);
+    let parameters = Preset::Lite.parameters();
+    let Method::Sgm(lite) = parameters.method else {
+        panic!("lite aggregates");
+    };
+    let reach = usize::from(parameters.support.x_px);
+    for texture_min in [0, 1] {
+        let method = Method::Sgm(SgmParameters {
+            margin: i16::MIN,
+            texture_min,
+            ..lite
+        });
+        let parameters = Parameters {
+            method,
+            ..parameters
+        };
+        let config = Config::new(parameters, width as u16, DisparityRange::up_to(7));
+        let map = pair.stream_with_confidences(&config, Portable);
+        for line in map.confidences.chunks_exact(width) {
+            let blank = &line[wall.start + reach..wall.end - reach];
+            assert!(blank.iter().all(|&c| (c > 0) == (texture_min == 0)));
+            let textured = [&line[8..wall.start], &line[wall.end..]].concat();
+            assert!(textured.iter().all(|&c| c > 0));
+        }
+    }
+}
+
+/// Sizes at which mistakes are likely, tested always rather than by chance.
+#[test]
+fn extreme_sizes_are_alike_for_all_kernels() {
+    for (width, height) in [
+        (1, 1),
+        (1, 40),
+        (2, 1),
+        (31, 9),
+        (32, 9),
+        (33, 9),
+        (63, 3),
+        (64, 3),
+        (65, 20),
+    ] {
+        for reference in [Reference::Left, Reference::Right] {
+            for format in PixelFormat::ALL {
+                let range = DisparityRange::up_to(width as u16 - 1);
+                let mut pair = Pair::random_in(format, width, height, 9, 5);
+                follow(&mut pair, range, 6);
+                let config = Config {
+                    reference,
+                    colour: !format.is_grey(),
+                    ..Config::new(Preset::Micro.parameters(), width as u16, range)
+                };
+                let expected = pair.stream_with_confidences(&config, Portable);
+                for kernels in NativeKernels::available() {
+                    let found = pair.stream_with_confidences(&config, kernels);
+                    assert!(
+                        found == expected,
+                        "{width}x{height}, {reference:?}, {format:?}, {}",
+                        kernels.name()
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// A region of a few lines is finished late: the lines that its stages look at must still be
+/// available.
+#[test]
+fn a_region_of_one_line_waits_for_its_latency() {
+    let pair = Pair::random(40, 30, 200, 3);
+    let reaches = [None, Some(0), Some(1), Some(2)];
+    for (ahead, speckle, vote, median) in [0, 1, 3]
+        .into_iter()
+        .flat_map(|ahead| reaches.map(|speckle| (ahead, speckle)))
+        .flat_map(|(ahead, speckle)| reaches.map(|vote| (ahead, speckle, vote)))
+        .flat_map(|(ahead, speckle, vote)| {
+            let reaches = [None, Some(0), Some(2), Some(4)];
+            reaches.map(|median| (ahead, speckle, vote, median))
+        })
+    {
+        let full = micro();
+        let parameters = Parameters {
+            support: Support {
+                x_px: 3,
+                y_px: ahead,
+            },
+            method: Method::Sgm(SgmParameters {
+                margin: 1,
+                speckle: speckle.map(|reach_y_px| SpeckleParameters {
+                    size_min: 4,
+                    step_q4: 16,
+                    reach_y_px,
+                }),
+                vote: vote.map(|reach_y_px| RegionVoteParameters {
+                    reach_y_px,
+                    ..full.vote.unwrap()
+                }),
+                weighted_median: median.map(|reach_y_px| WeightedMedianParameters {
+                    reach_y_px,
+                    ..full.weighted_median.unwrap()
+                }),
+                ..full
+            }),
+            ..Preset::Micro.parameters()
+        };
+        for height in 1..4 {
+            let mut config = Config::new(parameters, 40, DisparityRange::up_to(15));
+            config.region = Region {
+                y: 5,
+                height,
+                ..config.region
+            };
+            // The frame ends with the last line that the region's synapses reach.
+            let end = 40 * (5 + height as usize + usize::from(ahead));
+            let cut = Pair {
+                left: pair.left[..end].to_vec(),
+                right: pair.right[..end].to_vec(),
+                ..pair.clone()
+            };
+            let found = pair.stream_with_confidences(&config, Portable);
+            let expected = cut.stream_with_confidences(&config, Portable);
+            assert!(
+                found == expected,
+                "{height} lines; reaches: synapses {ahead}, speckle {speckle:?}, vote {vote:?}, median {median:?}"
+            );
+        }
+    }
+}
+
+/// The most disparities that fit 16 bits in 1/16 px can be matched; one more is refused.
+#[test]
+fn the_widest_range_of_disparities_runs() {
+    let (width, shift) = (2100_usize, 1500_usize);
+    let mut random = Pcg32::seed_from_u64(9);
+    let strip: Vec<u8> = (0..width + shift)
+        .map(|_| random.next_u32() as u8)
+        .collect();
+    let pair = Pair {
+        format: PixelFormat::Grey8,
+        width,
+        height: 2,
+        left: strip[..width].repeat(2),
+        right: strip[shift..].repeat(2),
+    };
+    let wider = DisparityRange {
+        minimum_px: -2047,
+        count: 2049,
+    };
+    let config = Config::new(Preset::Micro.parameters(), width as u16, wider);
+    assert_eq!(config.validate(), Err(ConfigError::Disparities));
+    let range = DisparityRange {
+        minimum_px: -300,
+        count: 2048,
+    };
+    let config = Config::new(Preset::Micro.parameters(), width as u16, range);
+    let map = pair.stream_with_confidences(&config, NativeKernels::fastest());
+    assert_sound(&map, &config);
+    let found = &map.disparities_q4[shift + 40..width - 40];
+    assert!(found.iter().all(|&d| (d - 1500 * 16).abs() <= 4));
+}
+
+/// In the negative of an image every cell of a pattern differs, which has the highest cost.
+#[test]
+fn the_dearest_patterns_cost_the_most() {
+    for (synapses, hamming_scale, kept_cells_q8) in [
+        (1024, 250, 256),
+        (512, 250, 256),
+        (1024, 250, 128),
+        (1024, 96, 256),
+    ] {
+        let parameters = Parameters {
+            synapses,
+            sigmas_px: [10.0; 2],
+            support: Support::square(30),
+            seed: 1,
+            method: Method::Sgm(SgmParameters {
+                hamming_scale,
+                hamming_truncation: 170,
+                p1: 10,
+                p2: 75,
+                p2_floor: 15,
+                kept_cells_q8,
+                mask_floor: 0,
+                difference_weight_q4: 0,
+                difference_truncation: 0,
+                left_right_tolerance_px: u8::MAX,
+                margin: 1,
+                vote: None,
+                weighted_median: None,
+                ..micro()
+            }),
+        };
+        let width = 80;
+        let mut pair = Pair::random(width, 20, 256, 2);
+        pair.right = pair.left.iter().map(|level| !level).collect();
+        let config = Config::new(parameters, width as u16, DisparityRange::up_to(1));
+        let map = pair.stream_with_confidences(&config, Portable);
+        // At disparity 0 all cells differ, at disparity 1 half of them do.
+        let lines = map.disparities_q4.chunks_exact(width);
+        for (y, line) in lines.enumerate() {
+            assert!(
+                line[1..].iter().all(|&d| d == 16),
+                "{synapses}, {hamming_scale}, {kept_cells_q8}, line {y}: {line:?}"
+            );
+        }
+    }
+}
+
+/// Returns a pair whose lines differ in brightness, so that vertical arms end at some lines and
+/// cross others. The views are unrelated, so that most pixels are voted for.
+fn striped(format: PixelFormat, (width, height): (usize, usize), seed: u64) -> Pair {
+    let mut random = Pcg32::seed_from_u64(seed);
+    let mut pair = Pair::random_in(format, width, height, 8, seed);
+    let bytes = width * format.bytes_per_pixel();
+    for line in 0..height {
+        let brightness = if random.next_u32().is_multiple_of(6) {
+            60
+        } else {
+            0
+        };
+        for view in [&mut pair.left, &mut pair.right] {
+            for level in &mut view[line * bytes..(line + 1) * bytes] {
+                *level += brightness;
+            }
+        }
+    }
+    pair
+}
+
+/// Each stage that compares levels finds all lines of its window, even if no other stage keeps
+/// them: if the view kept one line less, the output would differ.
+#[test]
+fn stages_see_all_lines_of_their_windows() {
+    let vote = RegionVoteParameters {
+        reach_x_px: 3,
+        reach_y_px: 5,
+        near_step: 30,
+        far_step: 30,
+        support_min: 0,
+        share_min_percent: 0,
+    };
+    let median = WeightedMedianParameters {
+        reach_x_px: 2,
+        reach_y_px: 6,
+        colour_reach: 48,
+    };
+    let speckle = SpeckleParameters {
+        size_min: 2,
+        step_q4: 16,
+        reach_y_px: 1,
+    };
+    for (speckle, vote, weighted_median) in [
+        (None, Some(vote), None),
+        (Some(speckle), Some(vote), None),
+        (None, None, Some(median)),
+        (Some(speckle), None, Some(median)),
+    ] {
+        for (format, seed) in [PixelFormat::Grey8, PixelFormat::Rgb888]
+            .into_iter()
+            .flat_map(|format| (0..4).map(move |seed| (format, seed)))
+        {
+            let pair = striped(format, (24, 40), seed);
+            let sgm = SgmParameters {
+                colour: true,
+                left_right_tolerance_px: 2,
+                margin: 40,
+                speckle,
+                vote,
+                weighted_median,
+                ..micro()
+            };
+            let parameters = Parameters {
+                support: Support { x_px: 2, y_px: 1 },
+                sigmas_px: [1.0; 2],
+                method: Method::Sgm(sgm),
+                ..Preset::Micro.parameters()
+            };
+            let config = Config {
+                colour: !format.is_grey(),
+                ..Config::new(parameters, 24, DisparityRange::up_to(7))
+            };
+            let (disparities_q4, confidences) = oracle::sgm::match_whole(&pair, &config);
+            let expected = Map {
+                disparities_q4,
+                confidences,
+            };
+            let found = pair.stream_with_confidences(&config, Portable);
+            assert!(found == expected, "{format:?}, seed {seed}, {sgm:?}");
+        }
+    }
+}
+
+/// Returns a rendered pair whose right view is shifted down by a fraction of a line.
+fn lowered(line_offset_px: f32) -> Pair {
+    let scene = render(&RenderOptions {
+        width: 150,
+        height: 110,
+        d_max: 15,
+        line_offset_px,
+        ..RenderOptions::default()
+    });
+    let views = Views::new(&scene.left, &scene.right, false).unwrap();
+    Pair {
+        width: 150,
+        height: 110,
+        format: views.format,
+        left: views.left,
+        right: views.right,
+    }
+}
+
+/// The learned vertical offset is discarded at the end of the frame, whether it is complete or
+/// broken off.
+#[test]
+fn the_alignment_of_a_frame_does_not_outlive_it() {
+    let config = Config {
+        colour: true,
+        ..Config::new(Preset::Micro.parameters(), 150, DisparityRange::up_to(15))
+    };
+    let (first, second) = (lowered(0.8), lowered(-0.6));
+    let alone = second.stream_with_confidences(&config, Portable);
+    let mut memory = vec![u32::MAX; config.memory_words()];
+    let mut matcher = Matcher::new(&config, Portable, &mut memory).unwrap();
+    let _ = first.stream_through(&mut matcher);
+    assert!(second.stream_through(&mut matcher) == alone);
+    // The frame is broken off before an offset is found, just after that, and later.
+    for lines in [5, 12, 20, 30, 60, 100] {
+        for (left, right) in first.lines().take(lines) {
+            matcher.push(&left, &right).unwrap();
+        }
+        matcher.reset();
+        assert!(
+            second.stream_through(&mut matcher) == alone,
+            "{lines} lines"
+        );
+    }
+}
+
+/// Channels with different exposures are each converted by their own gain and offset.
+#[test]
+fn channels_exposed_unlike_give_the_bits_of_the_oracle() {
+    let mut pair = lowered(0.0);
+    for pixel in pair.right.as_chunks_mut::<3>().0 {
+        for (level, (gain_q4, offset)) in pixel.iter_mut().zip([(12, 20), (16, 0), (11, 60)]) {
+            *level = ((u16::from(*level) * gain_q4) / 16 + offset).min(255) as u8;
+        }
+    }
+    let config = Config {
+        colour: true,
+        ..Config::new(Preset::Micro.parameters(), 150, DisparityRange::up_to(15))
+    };
+    let (disparities_q4, confidences) = oracle::sgm::match_whole(&pair, &config);
+    let expected = Map {
+        disparities_q4,
+        confidences,
+    };
+    for kernels in NativeKernels::available() {
+        let found = pair.stream_with_confidences(&config, kernels);
+        assert!(found == expected, "{}", kernels.name());
+    }
+}
