@@ -314,3 +314,34 @@ impl<'m, K: Kernels> Matcher<'m, K> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Preset;
+    use crate::disparity::DisparityRange;
+    use std::vec;
+
+    #[test]
+    fn the_line_after_the_last_that_can_be_counted_is_refused() {
+        for preset in [Preset::PaperRaw, Preset::Micro] {
+            let config = Config::new(preset.parameters(), 8, DisparityRange::up_to(3));
+            let mut memory = vec![0; config.memory_words()];
+            let mut matcher = Matcher::new(&config, Portable, &mut memory).unwrap();
+            assert!(matcher.push(&[7; 8], &[7; 8]).is_ok());
+            matcher.lines_in = MAX_LINES - 1;
+            assert!(matcher.push(&[7; 8], &[7; 8]).is_ok());
+            for _ in 0..2 {
+                let refused = matcher.push(&[7; 8], &[7; 8]).map(|_| ());
+                assert_eq!(refused, Err(PushError::TooManyLines));
+                assert_eq!(matcher.lines_in, MAX_LINES);
+            }
+            // The pairs that were taken have their lines.
+            let mut lines = 0;
+            while matcher.finish().is_some() {
+                lines += 1;
+            }
+            assert_eq!(lines, 2);
+        }
+    }
+}

@@ -241,20 +241,27 @@ fn aggregations_out_of_range_are_refused() {
         Matcher::new(&config, Portable, &mut vec![0; 1 << 20]).err()
     };
     assert_eq!(refusal(&|_| ()), None);
-    let costs: [&dyn Fn(&mut SgmParameters); 5] = [
+    let costs: [&dyn Fn(&mut SgmParameters); 6] = [
         // The sum with P2 and the 45 of the levels is 255, one too many.
         &|a| a.hamming_truncation = 255 - 45 - a.p2,
         &|a| a.difference_weight_q4 = 255,
         &|a| a.p2 = 255,
         &|a| a.p1 = a.p2 + 1,
         &|a| a.p2_floor = a.p2 + 1,
+        &|a| a.hamming_scale = 251,
     ];
     for (number, change) in costs.into_iter().enumerate() {
         assert_eq!(refusal(change), Some(ConfigError::Costs), "{number}");
     }
     assert_eq!(refusal(&|a| a.hamming_truncation = 254 - 45 - a.p2), None);
-    let windows: [&dyn Fn(&mut SgmParameters); 7] = [
+    assert_eq!(refusal(&|a| a.hamming_scale = 250), None);
+    let refused = refusal(&|a| a.line_offset_max_q4 = 17);
+    assert_eq!(refused, Some(ConfigError::LineOffset));
+    assert_eq!(refusal(&|a| a.line_offset_max_q4 = 16), None);
+    let windows: [&dyn Fn(&mut SgmParameters); 9] = [
         &|a| a.kept_cells_q8 = 0,
+        &|a| a.speckle.as_mut().unwrap().reach_y_px = 16,
+        &|a| a.weighted_median.as_mut().unwrap().colour_reach = 3,
         &|a| a.vote.as_mut().unwrap().reach_x_px = 128,
         &|a| a.vote.as_mut().unwrap().reach_y_px = 16,
         &|a| a.weighted_median.as_mut().unwrap().reach_x_px = 31,
@@ -269,6 +276,10 @@ fn aggregations_out_of_range_are_refused() {
     for (number, change) in windows.into_iter().enumerate() {
         assert_eq!(refusal(change), Some(ConfigError::Windows), "{number}");
     }
+    assert_eq!(
+        refusal(&|a| a.speckle.as_mut().unwrap().reach_y_px = 15),
+        None
+    );
 }
 
 #[test]
