@@ -72,6 +72,7 @@ const fn view_size(config: &Config) -> ViewSize {
         colour_lines: 0,
         colour_padding: 0,
         smoothed_lines: 0,
+        smoothed_padding: 0,
         smoothing_step: 0,
         moving: false,
     }

@@ -31,8 +31,10 @@ pub struct ViewSize {
     pub colour_lines: usize,
     /// Copies of the first and last pixel at the ends of a line of a colour channel, px.
     pub colour_padding: usize,
-    /// Number of lines of smoothed grey that are kept, padded as grey is; 0 if nothing is smoothed.
+    /// Number of lines of smoothed grey that are kept; 0 if nothing is smoothed.
     pub smoothed_lines: usize,
+    /// Copies of the first and last pixel at the ends of a line of smoothed grey, px.
+    pub smoothed_padding: usize,
     /// Largest step between neighbours that is smoothed, levels.
     pub smoothing_step: u8,
     /// Whether lines are moved up or down by a fraction of a line: see [`Strip::push_moved`].
@@ -56,7 +58,7 @@ impl ViewSize {
             let strip = Strip::words(self.width, self.colour_padding, self.colour_lines);
             total += MAX_CHANNELS * (strip + moving);
         }
-        total + Strip::words(self.width, self.grey_padding, self.smoothed_lines)
+        total + Strip::words(self.width, self.smoothed_padding, self.smoothed_lines)
     }
 
     /// Number of channels of [`View::channels`]: 3 with colour, else 1.
@@ -98,7 +100,7 @@ impl<'m> View<'m> {
             None
         };
         let smoothed = if size.smoothed_lines > 0 {
-            Some(strip(size.grey_padding, size.smoothed_lines, false)?)
+            Some(strip(size.smoothed_padding, size.smoothed_lines, false)?)
         } else {
             None
         };

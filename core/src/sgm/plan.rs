@@ -84,6 +84,7 @@ impl SgmPlan {
             colour_lines: if has_colour { lines } else { 0 },
             colour_padding: padding,
             smoothed_lines: if smoothing_step > 0 { window } else { 0 },
+            smoothed_padding: support.x_px as usize,
             smoothing_step,
             moving: false,
         };
