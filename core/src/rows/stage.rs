@@ -109,7 +109,9 @@ impl Parts {
     /// the one with all stages.
     #[must_use]
     pub(crate) const fn and(mut self, part: Part) -> Self {
-        if let Some((slot, _)) = self.list.split_at_mut(self.count).1.split_first_mut() {
+        if let Some((_, free)) = self.list.split_at_mut_checked(self.count)
+            && let Some((slot, _)) = free.split_first_mut()
+        {
             *slot = part;
             self.count += 1;
         }
@@ -118,7 +120,10 @@ impl Parts {
 
     /// The parts in order.
     pub(crate) const fn as_slice(&self) -> &[Part] {
-        self.list.split_at(self.count).0
+        match self.list.split_at_checked(self.count) {
+            Some((parts, _)) => parts,
+            None => &self.list,
+        }
     }
 
     /// Sum of the parts' memory, words.

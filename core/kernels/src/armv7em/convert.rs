@@ -14,9 +14,14 @@ pub(super) fn convert_row(
     high: &mut [u8],
 ) {
     let count = levels.len().min(low.len()).min(high.len());
-    let (levels, rest) = levels.split_at(count / 4 * 4);
-    let (low, low_rest) = low.split_at_mut(levels.len());
-    let (high, high_rest) = high.split_at_mut(levels.len());
+    let whole = count / 4 * 4;
+    let (Some((levels, rest)), Some((low, low_rest)), Some((high, high_rest))) = (
+        levels.split_at_checked(whole),
+        low.split_at_mut_checked(whole),
+        high.split_at_mut_checked(whole),
+    ) else {
+        return;
+    };
     let zone = splat_u8(conversion.dead_zone);
     let quads = levels.as_chunks::<4>().0.iter();
     let outputs = low.as_chunks_mut().0.iter_mut();
