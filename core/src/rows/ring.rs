@@ -179,7 +179,9 @@ impl<T: Copy> Ring<'_, T> {
     pub(crate) fn replicate_edges(&mut self) {
         let (first, end) = (self.padding, self.padding + self.width);
         for row in self.values.chunks_exact_mut((end + first).max(1)) {
-            let (before, rest) = row.split_at_mut(first);
+            let Some((before, rest)) = row.split_at_mut_checked(first) else {
+                continue;
+            };
             let Some((inside, after)) = rest.split_at_mut_checked(self.width) else {
                 continue;
             };

@@ -6,6 +6,7 @@
 //! number of lines of the image.
 
 use super::arena::{Arena, OutOfMemory, words};
+use super::copy::copy_common;
 use super::ring::Ring;
 
 /// A displacement between two pixels.
@@ -138,7 +139,7 @@ impl<'m> Strip<'m> {
             for (newest, &below) in newest.iter_mut().zip(self.row(line)) {
                 *newest = mix(*newest, below, share_q4);
             }
-            self.store(line - 1, |row| row.copy_from_slice(newest));
+            self.store(line - 1, |row| copy_common(row, newest));
         }
         if offset_q4 < 0 && line > 0 {
             self.store(line, |row| {
@@ -149,7 +150,7 @@ impl<'m> Strip<'m> {
                 }
             });
         } else {
-            newest.copy_from_slice(self.row(line));
+            copy_common(newest, self.row(line));
         }
         self.newest = newest;
     }
