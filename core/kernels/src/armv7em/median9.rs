@@ -29,7 +29,7 @@ fn filter(rows: [&[i16]; 3], output: &mut [i16]) -> Option<()> {
     }
     let mut before = sorted(firsts);
     for (index, output) in outputs.iter_mut().enumerate() {
-        let after = sorted(pairs.map(|pairs| pair_of(&pairs[index])));
+        let after = sorted(pairs.map(|pairs| pairs.get(index).map_or(0, pair_of)));
         let medians = medians(before, after);
         *output = [medians as i16, (medians >> 16) as i16];
         before = after;
