@@ -5,13 +5,12 @@
 //! middle.
 
 use crate::disparity::{DisparityRange, INVALID};
-use crate::rows::{Arena, Lookahead, OutOfMemory, Part, Ring, RowStage, words};
+use crate::rows::{Arena, OutOfMemory, Part, RowStage, RowWindow, words};
 
 /// A median of `2 reach + 1` by `2 reach + 1` pixels, of rows of disparities in px.
 #[derive(Debug)]
 pub(super) struct Median<'m> {
-    rows_px: Ring<'m, i16>,
-    lookahead: Lookahead,
+    window: RowWindow<'m>,
     histogram: &'m mut [u16],
     reach: u8,
     minimum_px: i32,
@@ -21,10 +20,9 @@ impl<'m> Median<'m> {
     /// Demand of the median: a row per line of the window, a bin per disparity, and `reach` lines
     /// of latency.
     pub(super) const fn part(width: usize, reach: u8, disparities: u16) -> Part {
-        let size = 2 * reach as usize + 1;
         Part {
             name: "median",
-            words: Ring::<i16>::words(width, 0, size)
+            words: RowWindow::words(width, 0, reach)
                 + words(disparities as usize, size_of::<u16>()),
             look_back_lines: 0,
             latency_lines: reach as u32,
@@ -41,10 +39,8 @@ impl<'m> Median<'m> {
         disparities: DisparityRange,
         arena: &mut Arena<'m>,
     ) -> Result<Self, OutOfMemory> {
-        let size = 2 * usize::from(reach) + 1;
         Ok(Self {
-            rows_px: Ring::new(width, 0, size, INVALID, arena)?,
-            lookahead: Lookahead::new(reach.into()),
+            window: RowWindow::new(width, 0, reach, arena)?,
             histogram: arena.take(disparities.count.into())?,
             reach,
             minimum_px: disparities.minimum_px.into(),
@@ -55,11 +51,11 @@ impl<'m> Median<'m> {
     /// there is.
     fn filter(&mut self, middle: Option<u32>, output: &mut [i16]) -> bool {
         let Some(middle) = middle else { return false };
-        let rows = self.rows_px.around(middle, self.reach);
-        let starts = self.rows_px.starts(rows);
+        let rows = self.window.around(middle);
+        let starts = self.window.rows.starts(rows);
         let reach = usize::from(self.reach);
-        let width = self.rows_px.width();
-        let own = self.rows_px.start(middle);
+        let width = self.window.rows.width();
+        let own = self.window.rows.start(middle);
         self.histogram.fill(0);
         // Number of values in the window, number of those below bin `median`, and that bin.
         let (mut total, mut below, mut median) = (0_u16, 0_u16, 0_usize);
@@ -113,7 +109,13 @@ impl<'m> Median<'m> {
     /// Bin of the value at `index` of the ring; `None` for a pixel without a disparity.
     #[inline]
     fn bin(&self, index: usize) -> Option<usize> {
-        let value = self.rows_px.values().get(index).copied().unwrap_or(INVALID);
+        let value = self
+            .window
+            .rows
+            .values()
+            .get(index)
+            .copied()
+            .unwrap_or(INVALID);
         usize::try_from(i32::from(value) - self.minimum_px)
             .ok()
             .filter(|_| value != INVALID)
@@ -122,18 +124,16 @@ impl<'m> Median<'m> {
 
 impl<C> RowStage<C> for Median<'_> {
     fn reset(&mut self) {
-        self.rows_px.clear();
-        self.lookahead.reset();
+        self.window.clear();
     }
 
     fn push(&mut self, row: &mut [i16], _: &mut C) -> bool {
-        self.rows_px.push_copy(row);
-        let due = self.lookahead.due(self.rows_px.rows_in());
+        let due = self.window.push(row);
         self.filter(due, row)
     }
 
     fn flush(&mut self, row: &mut [i16], _: &mut C) -> bool {
-        let next = self.lookahead.last(self.rows_px.rows_in());
+        let next = self.window.flush();
         self.filter(next, row)
     }
 }

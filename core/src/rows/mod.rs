@@ -15,10 +15,10 @@ mod strip;
 mod views;
 
 pub use arena::{Arena, OutOfMemory, words};
-pub(crate) use copy::copy_common;
+pub(crate) use copy::{copy_common, extend_run};
 pub(crate) use found::Found;
 pub use line::{ColourRows, Line};
-pub(crate) use ring::{Lookahead, Ring};
+pub(crate) use ring::{Ring, RowWindow};
 pub use stage::Part;
 pub(crate) use stage::{Parts, RowStage, Then};
 pub use strip::{Offset, Order, Strip, StripWindow};

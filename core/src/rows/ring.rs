@@ -5,10 +5,11 @@ use core::ops::Range;
 use bytemuck::Pod;
 
 use super::arena::{Arena, OutOfMemory, words};
-use super::copy::copy_common;
+use super::copy::{copy_common, extend_run};
+use crate::disparity::INVALID;
 
 /// The newest `depth` rows of `width` values, row-major. Each row has `padding` values on both
-/// sides, which the ring itself never writes after it was built.
+/// sides, which only [`Ring::replicate_edges`] writes after the ring was built.
 #[derive(Debug)]
 pub(crate) struct Ring<'m, T> {
     values: &'m mut [T],
@@ -96,16 +97,17 @@ impl<'m, T: Pod> Ring<'m, T> {
     }
 
     /// [`Ring::padded`] of row `row` itself, to be written.
-    pub(crate) fn padded_mut(&mut self, row: u32) -> &mut [T] {
+    fn padded_mut(&mut self, row: u32) -> &mut [T] {
         let start = self.start(row) - self.padding;
         let stride = self.stride();
         let row = self.values.get_mut(start..start + stride);
         row.unwrap_or_default()
     }
 
-    /// The existing rows at most `reach` away from `row`.
-    pub(crate) fn around(&self, row: u32, reach: u8) -> Range<u32> {
-        row.saturating_sub(reach.into())..(row + u32::from(reach) + 1).min(self.rows_in)
+    /// Makes the padding of a row the row's own first and last value.
+    pub(crate) fn replicate_edges(&mut self, row: u32) {
+        let inside = self.padding..self.padding + self.width;
+        extend_run(self.padded_mut(row), inside);
     }
 
     /// Index in [`Ring::values`] of the first value of a row. A division: once per row, not per
@@ -174,59 +176,68 @@ impl<'m, T: Pod> Ring<'m, T> {
     }
 }
 
-impl<T: Copy> Ring<'_, T> {
-    /// Makes the padding of every row the row's own first and last value.
-    pub(crate) fn replicate_edges(&mut self) {
-        let (first, end) = (self.padding, self.padding + self.width);
-        for row in self.values.chunks_exact_mut((end + first).max(1)) {
-            let Some((before, rest)) = row.split_at_mut_checked(first) else {
-                continue;
-            };
-            let Some((inside, after)) = rest.split_at_mut_checked(self.width) else {
-                continue;
-            };
-            if let (Some(&first), Some(&last)) = (inside.first(), inside.last()) {
-                before.fill(first);
-                after.fill(last);
-            }
-        }
-    }
-}
-
-/// Schedule of a stage that needs a number of rows ahead: row `y` is due when row `y + ahead` has
-/// come, or when no more come.
+/// A ring for a stage that looks `reach` rows back and `reach` rows ahead: row `y` is due when row
+/// `y + reach` has come, or when no more come. Values outside the rows are [`INVALID`].
 #[derive(Debug)]
-pub(crate) struct Lookahead {
-    ahead: u32,
+pub(crate) struct RowWindow<'m> {
+    /// The newest `2 reach + 1` rows.
+    pub(crate) rows: Ring<'m, i16>,
+    reach: u8,
     rows_out: u32,
 }
 
-impl Lookahead {
-    /// A schedule for a stage that needs `ahead` rows ahead.
-    pub(crate) const fn new(ahead: u32) -> Self {
-        Self { ahead, rows_out: 0 }
+impl<'m> RowWindow<'m> {
+    /// Words of memory of such a window.
+    pub(crate) const fn words(width: usize, padding: usize, reach: u8) -> usize {
+        Ring::<i16>::words(width, padding, 2 * reach as usize + 1)
     }
 
-    /// Forgets the frame.
-    pub(crate) fn reset(&mut self) {
+    /// An empty window of rows of `width` values, with `padding` values on both sides of each.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] when the arena has fewer than [`RowWindow::words`] left.
+    pub(crate) fn new(
+        width: usize,
+        padding: usize,
+        reach: u8,
+        arena: &mut Arena<'m>,
+    ) -> Result<Self, OutOfMemory> {
+        let depth = 2 * usize::from(reach) + 1;
+        Ok(Self {
+            rows: Ring::new(width, padding, depth, INVALID, arena)?,
+            reach,
+            rows_out: 0,
+        })
+    }
+
+    /// Forgets all rows: the next one is row 0.
+    pub(crate) fn clear(&mut self) {
+        self.rows.clear();
         self.rows_out = 0;
     }
 
-    /// The next row, if it is due now that `rows_in` rows have come.
-    pub(crate) fn due(&mut self, rows_in: u32) -> Option<u32> {
-        if rows_in > self.rows_out + self.ahead {
-            self.last(rows_in)
+    /// Stores the next row, and returns the number of the row that is due, if any.
+    pub(crate) fn push(&mut self, row: &[i16]) -> Option<u32> {
+        self.rows.push_copy(row);
+        if self.rows.rows_in() > self.rows_out + u32::from(self.reach) {
+            self.flush()
         } else {
             None
         }
     }
 
-    /// The next row among the `rows_in` that have come, when no more come.
-    pub(crate) fn last(&mut self, rows_in: u32) -> Option<u32> {
-        (self.rows_out < rows_in).then(|| {
+    /// The number of the next row among those that have come, when no more come.
+    pub(crate) fn flush(&mut self) -> Option<u32> {
+        (self.rows_out < self.rows.rows_in()).then(|| {
             self.rows_out += 1;
             self.rows_out - 1
         })
+    }
+
+    /// The existing rows at most `reach` away from `row`.
+    pub(crate) fn around(&self, row: u32) -> Range<u32> {
+        let reach = u32::from(self.reach);
+        row.saturating_sub(reach)..(row + reach + 1).min(self.rows.rows_in())
     }
 }
 
@@ -259,31 +270,45 @@ mod tests {
                 assert_eq!(ring.padded(y as u32 + 5)[2..5], row_of(y));
             }
         }
-        assert_eq!((ring.around(1, 3), ring.around(9, 3)), (0..5, 6..11));
         for rows in [7..11, 8..9, 9..9] {
             let starts: Vec<usize> = rows.clone().map(|row| ring.start(row)).collect();
             assert!(ring.starts(rows).eq(starts));
         }
-        ring.replicate_edges();
+        ring.replicate_edges(8);
         assert_eq!(ring.padded(8), [80, 80, 80, 81, 82, 82, 82]);
+        // No other row's.
+        assert_eq!(ring.padded(9), [-1, -1, 90, 91, 92, -1, -1]);
     }
 
     #[test]
     fn a_row_is_due_when_those_ahead_have_come() {
-        for ahead in 0..4 {
-            let mut lookahead = Lookahead::new(ahead);
-            for rows in [0, 1, 3, 9] {
-                lookahead.reset();
+        for reach in 0..4_u8 {
+            let mut memory = vec![u32::MAX; RowWindow::words(1, 0, reach)];
+            let mut arena = Arena::new(&mut memory);
+            let mut window = RowWindow::new(1, 0, reach, &mut arena).unwrap();
+            assert_eq!(arena.free_words(), 0);
+            for rows in [0, 1, 3, 9_u32] {
+                window.clear();
                 let mut due: Vec<u32> = vec![];
                 for rows_in in 1..=rows {
-                    due.extend(lookahead.due(rows_in));
-                    assert_eq!(due.len() as u32, rows_in.saturating_sub(ahead));
+                    due.extend(window.push(&[rows_in as i16]));
+                    assert_eq!(due.len() as u32, rows_in.saturating_sub(reach.into()));
                 }
-                while let Some(row) = lookahead.last(rows) {
+                while let Some(row) = window.flush() {
                     due.push(row);
                 }
                 assert_eq!(due, (0..rows).collect::<Vec<_>>());
             }
         }
+    }
+
+    #[test]
+    fn a_window_is_cut_at_the_frame() {
+        let mut memory = [0; 16];
+        let mut window = RowWindow::new(1, 0, 3, &mut Arena::new(&mut memory)).unwrap();
+        for row in 0..11 {
+            window.push(&[row]);
+        }
+        assert_eq!((window.around(1), window.around(9)), (0..5, 6..11));
     }
 }

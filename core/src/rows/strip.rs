@@ -79,6 +79,12 @@ impl<'m> Strip<'m> {
         })
     }
 
+    /// Whether the strip keeps any line.
+    #[must_use]
+    pub fn keeps_lines(&self) -> bool {
+        self.ring.depth() > 0
+    }
+
     /// Number of lines pushed since the frame began.
     #[must_use]
     pub fn lines(&self) -> u32 {
@@ -93,8 +99,7 @@ impl<'m> Strip<'m> {
     /// Stores the next line over the oldest: `write` writes its pixels from the left.
     pub fn push(&mut self, write: impl FnOnce(&mut [u8])) {
         let order = self.order;
-        self.ring.push();
-        self.store(self.lines() - 1, |row| {
+        self.store(self.lines(), |row| {
             write(row);
             if order == Order::Mirrored {
                 row.reverse();
@@ -108,17 +113,8 @@ impl<'m> Strip<'m> {
         if line >= self.lines() {
             self.ring.push();
         }
-        let (padding, width) = (self.ring.padding(), self.ring.width());
-        let stored = self.ring.padded_mut(line);
-        let Some((before, rest)) = stored.split_at_mut_checked(padding) else {
-            return;
-        };
-        let Some((inside, after)) = rest.split_at_mut_checked(width) else {
-            return;
-        };
-        write(inside);
-        before.fill(inside.first().copied().unwrap_or(0));
-        after.fill(inside.last().copied().unwrap_or(0));
+        write(self.ring.row_mut(line));
+        self.ring.replicate_edges(line);
     }
 
     /// Stores the next line of a view whose lines lie `offset_q4` too low, 1/16 line, -16 to 16,

@@ -11,7 +11,6 @@ use crate::kernel::{Kernels, MAX_CHANNELS};
 #[derive(Debug)]
 pub struct View<'m> {
     grey: Strip<'m>,
-    keeps_grey: bool,
     colour: Option<[Strip<'m>; MAX_CHANNELS]>,
     /// Smoothed grey. The newest line is stored unsmoothed until the line below comes.
     smoothed: Option<Strip<'m>>,
@@ -87,11 +86,10 @@ impl<'m> View<'m> {
                 Ok(strip)
             }
         };
-        let keeps_grey = size.grey_lines > 0;
         let grey = strip(
             size.grey_padding,
             size.grey_lines,
-            size.moving && keeps_grey,
+            size.moving && size.grey_lines > 0,
         )?;
         let colour = if size.colour_lines > 0 {
             let mut channel = || strip(size.colour_padding, size.colour_lines, size.moving);
@@ -106,7 +104,6 @@ impl<'m> View<'m> {
         };
         Ok(Self {
             grey,
-            keeps_grey,
             colour,
             smoothed,
             step_max: size.smoothing_step,
@@ -131,7 +128,7 @@ impl<'m> View<'m> {
                 strip.push_moved(offset_q4, |row| line.write_channel(channel, row));
             }
         }
-        if self.keeps_grey {
+        if self.grey.keeps_lines() {
             self.grey.push_moved(offset_q4, |row| line.write_grey(row));
             self.smooth(kernels);
         }

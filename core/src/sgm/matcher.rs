@@ -14,7 +14,7 @@ use crate::kernel::{
     path_scratch_bytes,
 };
 use crate::pattern::{PatternRow, Sampler, Synapses};
-use crate::rows::{Arena, Line, Strip, View};
+use crate::rows::{Arena, Line, Strip, View, extend_run};
 
 /// Largest number of pixels of a run of costs without masks.
 const RUN_LANES: usize = 128;
@@ -462,14 +462,4 @@ fn planes_of(row: &[u8], length: usize) -> [&[u8]; MAX_CHANNELS] {
         row.get(index * length..(index + 1) * length)
             .unwrap_or_default()
     })
-}
-
-/// Repeats the first and the last value of a run to the ends of the row.
-fn extend_run(row: &mut [u8], inside: core::ops::Range<usize>) {
-    let (before, rest) = row.split_at_mut(inside.start.min(row.len()));
-    let (inside, after) = rest.split_at_mut(inside.len().min(rest.len()));
-    if let (Some(&first), Some(&last)) = (inside.first(), inside.last()) {
-        before.fill(first);
-        after.fill(last);
-    }
 }

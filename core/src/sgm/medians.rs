@@ -4,9 +4,8 @@
 
 use super::surroundings::Surroundings;
 use crate::config::WeightedMedianParameters;
-use crate::disparity::INVALID;
 use crate::kernel::{Kernels, MAX_CHANNELS, MAX_TAP_ROWS, WeightedMedianRow};
-use crate::rows::{Arena, Lookahead, OutOfMemory, Part, Ring, RowStage, words};
+use crate::rows::{Arena, OutOfMemory, Part, RowStage, RowWindow, words};
 
 /// Number of pixels whose weights are in memory at a time.
 const LANES: usize = 16;
@@ -18,8 +17,7 @@ const LANES: usize = 16;
 #[derive(Debug)]
 pub(super) struct Median9<'m, K> {
     kernels: K,
-    rows: Ring<'m, i16>,
-    lookahead: Lookahead,
+    window: RowWindow<'m>,
 }
 
 impl Median9<'_, ()> {
@@ -27,7 +25,7 @@ impl Median9<'_, ()> {
     pub(super) const fn part(width: usize) -> Part {
         Part {
             name: "median of 3 x 3",
-            words: Ring::<i16>::words(width, 1, 3),
+            words: RowWindow::words(width, 1, 1),
             look_back_lines: 0,
             latency_lines: 1,
         }
@@ -46,19 +44,18 @@ impl<'m, K: Kernels> Median9<'m, K> {
     ) -> Result<Self, OutOfMemory> {
         Ok(Self {
             kernels,
-            rows: Ring::new(width, 1, 3, INVALID, arena)?,
-            lookahead: Lookahead::new(1),
+            window: RowWindow::new(width, 1, 1, arena)?,
         })
     }
 
     /// Writes the medians of row `line` to `output`, if there is such a row; returns whether there
     /// is.
     fn filter(&mut self, line: Option<u32>, output: &mut [i16]) -> bool {
-        let (Some(line), Some(output)) = (line, output.get_mut(..self.rows.width())) else {
+        let (Some(line), Some(output)) = (line, output.get_mut(..self.window.rows.width())) else {
             return false;
         };
-        self.rows.replicate_edges();
-        let rows = [line.saturating_sub(1), line, line + 1].map(|line| self.rows.padded(line));
+        let kept = &self.window.rows;
+        let rows = [line.saturating_sub(1), line, line + 1].map(|line| kept.padded(line));
         self.kernels.median9_row(rows, output);
         true
     }
@@ -66,18 +63,18 @@ impl<'m, K: Kernels> Median9<'m, K> {
 
 impl<C, K: Kernels> RowStage<C> for Median9<'_, K> {
     fn reset(&mut self) {
-        self.rows.clear();
-        self.lookahead.reset();
+        self.window.clear();
     }
 
     fn push(&mut self, row: &mut [i16], _: &mut C) -> bool {
-        self.rows.push_copy(row);
-        let due = self.lookahead.due(self.rows.rows_in());
+        let newest = self.window.rows.rows_in();
+        let due = self.window.push(row);
+        self.window.rows.replicate_edges(newest);
         self.filter(due, row)
     }
 
     fn flush(&mut self, row: &mut [i16], _: &mut C) -> bool {
-        let next = self.lookahead.last(self.rows.rows_in());
+        let next = self.window.flush();
         self.filter(next, row)
     }
 }
@@ -87,8 +84,7 @@ impl<C, K: Kernels> RowStage<C> for Median9<'_, K> {
 #[derive(Debug)]
 pub(super) struct WeightedMedian<'m, K> {
     kernels: K,
-    rows: Ring<'m, i16>,
-    lookahead: Lookahead,
+    window: RowWindow<'m>,
     /// Weight of each tap by its distance, row by row.
     places: &'m mut [u8],
     /// Scratch: the weights of the taps of `LANES` pixels.
@@ -104,7 +100,7 @@ impl WeightedMedian<'_, ()> {
         let padding = parameters.reach_x_px as usize;
         Part {
             name: "weighted median",
-            words: Ring::<i16>::words(width, padding, 2 * reach as usize + 1)
+            words: RowWindow::words(width, padding, parameters.reach_y_px)
                 + words(parameters.tap_count(), 1)
                 + words(parameters.tap_count() * LANES, 1),
             look_back_lines: 2 * reach,
@@ -125,16 +121,14 @@ impl<'m, K: Kernels> WeightedMedian<'m, K> {
         arena: &mut Arena<'m>,
     ) -> Result<Self, OutOfMemory> {
         let padding = parameters.reach_x_px.into();
-        let depth = 2 * usize::from(parameters.reach_y_px) + 1;
-        let rows = Ring::new(width, padding, depth, INVALID, arena)?;
+        let window = RowWindow::new(width, padding, parameters.reach_y_px, arena)?;
         let places: &'m mut [u8] = arena.take(parameters.tap_count())?;
         for (place, offset) in places.iter_mut().zip(parameters.taps()) {
             *place = WeightedMedianParameters::place_weight(offset);
         }
         Ok(Self {
             kernels,
-            rows,
-            lookahead: Lookahead::new(parameters.reach_y_px.into()),
+            window,
             places,
             weights: arena.take(parameters.tap_count() * LANES)?,
             parameters,
@@ -156,7 +150,7 @@ impl<'m, K: Kernels> WeightedMedian<'m, K> {
         // Rows of taps; the first ones of the window may lie above the frame.
         let most = u32::from(self.parameters.reach_y_px / 2);
         let above = most.min(line / 2);
-        let below = most.min((self.rows.rows_in() - 1 - line) / 2);
+        let below = most.min((self.window.rows.rows_in() - 1 - line) / 2);
         let rows = (line - 2 * above..=line + 2 * below).step_by(2);
         let skipped = (most - above) as usize * self.parameters.taps_per_row();
         let mut row = WeightedMedianRow {
@@ -171,7 +165,7 @@ impl<'m, K: Kernels> WeightedMedian<'m, K> {
             colour_reach: self.parameters.colour_reach,
         };
         for (values, line) in row.values.iter_mut().zip(rows.clone()) {
-            *values = self.rows.padded(line);
+            *values = self.window.rows.padded(line);
         }
         for (channel, (levels, centre)) in channels
             .iter()
@@ -189,18 +183,16 @@ impl<'m, K: Kernels> WeightedMedian<'m, K> {
 
 impl<K: Kernels> RowStage<Surroundings<'_, '_, '_>> for WeightedMedian<'_, K> {
     fn reset(&mut self) {
-        self.rows.clear();
-        self.lookahead.reset();
+        self.window.clear();
     }
 
     fn push(&mut self, row: &mut [i16], around: &mut Surroundings<'_, '_, '_>) -> bool {
-        self.rows.push_copy(row);
-        let due = self.lookahead.due(self.rows.rows_in());
+        let due = self.window.push(row);
         self.filter(due, row, around)
     }
 
     fn flush(&mut self, row: &mut [i16], around: &mut Surroundings<'_, '_, '_>) -> bool {
-        let next = self.lookahead.last(self.rows.rows_in());
+        let next = self.window.flush();
         self.filter(next, row, around)
     }
 }

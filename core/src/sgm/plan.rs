@@ -4,7 +4,7 @@ use super::masks::SgmMasks;
 use super::refine::SgmRefiner;
 use crate::config::{Config, SgmParameters};
 use crate::disparity::Reference;
-use crate::kernel::{MAX_CHANNELS, cost_stride, path_scratch_bytes};
+use crate::kernel::{cost_stride, path_scratch_bytes};
 use crate::pattern::{PatternRow, Sampler};
 use crate::rows::{Order, Part, Parts, ViewSize, words};
 
@@ -209,9 +209,6 @@ impl SgmPlan {
             .and(Part::memory("winners and checks", winners))
     }
 }
-
-/// Number of channels of a view in colour must be what kernels take.
-const _: () = assert!(MAX_CHANNELS == 3);
 
 const fn max(a: usize, b: usize) -> usize {
     if a > b { a } else { b }

@@ -59,7 +59,7 @@ impl SgmRefiner<'_, ()> {
     /// | part | bytes |
     /// |---|---|
     /// | speckle removal, regions of fewer than `k` pixels, reach `y` | `2 W (2 y + 1) + 6 k` |
-    /// | region vote, reach `(x, y)` | `4 W (2 y + 1) + 6 W + 2 D` |
+    /// | region vote, reach `(x, y)` | `4 W (2 y + 1) + 4 W + 2 D` |
     /// | each median of 3 x 3 | `6 W + 12` |
     /// | weighted median of `p` taps, reach `(x, y)` | `2 (W + 2 x) (2 y + 1) + 17 p` |
     /// | output, of stages `l` lines late | `2 W + W (l + 1) + 3 w` |

@@ -10,7 +10,7 @@ use super::surroundings::Surroundings;
 use crate::config::RegionVoteParameters;
 use crate::disparity::{DisparityRange, STEPS_PER_PX};
 use crate::kernel::{ArmsRow, Kernels, MAX_CHANNELS, arms_scratch_bytes};
-use crate::rows::{Arena, Found, Lookahead, OutOfMemory, Part, Ring, RowStage, copy_common, words};
+use crate::rows::{Arena, Found, OutOfMemory, Part, Ring, RowStage, RowWindow, copy_common, words};
 
 /// Largest number of lines of a window.
 const MAX_LINES: usize = 31;
@@ -19,11 +19,9 @@ const MAX_LINES: usize = 31;
 #[derive(Debug)]
 pub(super) struct RegionVote<'m, K> {
     kernels: K,
-    rows: Ring<'m, i16>,
-    lookahead: Lookahead,
+    window: RowWindow<'m>,
     /// Arms of each pixel along its line: see [`arms_row`](crate::kernel::arms_row).
     arms: Ring<'m, i16>,
-    arms_row: &'m mut [i16],
     arms_scratch: &'m mut [u8],
     /// Number of votes per disparity, px. A window of 255 columns and [`MAX_LINES`] has fewer
     /// pixels than 16 bits count.
@@ -32,7 +30,7 @@ pub(super) struct RegionVote<'m, K> {
 }
 
 impl RegionVote<'_, ()> {
-    /// Demand of the vote: `4 y + 3` rows, four of bytes, and a counter per disparity. It reads
+    /// Demand of the vote: `4 y + 2` rows, four of bytes, and a counter per disparity. It reads
     /// back over its window of `2 y + 1` lines, and has a latency of `y` lines.
     pub(super) const fn part(
         width: usize,
@@ -42,8 +40,8 @@ impl RegionVote<'_, ()> {
         let reach = parameters.reach_y_px as u32;
         Part {
             name: "region vote",
-            words: 2 * Ring::<i16>::words(width, 0, 2 * reach as usize + 1)
-                + words(width, size_of::<i16>())
+            words: RowWindow::words(width, 0, parameters.reach_y_px)
+                + Ring::<i16>::words(width, 0, 2 * reach as usize + 1)
                 + words(arms_scratch_bytes(width), 1)
                 + words(disparities.count as usize + 1, size_of::<i16>()),
             look_back_lines: 2 * reach,
@@ -65,15 +63,10 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
         arena: &mut Arena<'m>,
     ) -> Result<Self, OutOfMemory> {
         let depth = 2 * usize::from(parameters.reach_y_px) + 1;
-        let none = Found::NOT_FOUND.stored();
-        let mut ring = || Ring::new(width, 0, depth, none, arena);
-        let (rows, arms) = (ring()?, ring()?);
         Ok(Self {
             kernels,
-            rows,
-            lookahead: Lookahead::new(parameters.reach_y_px.into()),
-            arms,
-            arms_row: arena.take(width)?,
+            window: RowWindow::new(width, 0, parameters.reach_y_px, arena)?,
+            arms: Ring::new(width, 0, depth, 0, arena)?,
             arms_scratch: arena.take(arms_scratch_bytes(width))?,
             // The last place is for pixels without a disparity.
             votes: arena.take(usize::from(disparities.count) + 1)?,
@@ -96,8 +89,7 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
             far_step: self.parameters.far_step,
         };
         self.kernels
-            .arms_row(&arms, self.arms_scratch, self.arms_row);
-        self.arms.push_copy(self.arms_row);
+            .arms_row(&arms, self.arms_scratch, self.arms.push());
     }
 
     /// Performs the vote for row `line`, if there is such a row, and copies the row to `output`;
@@ -110,20 +102,20 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
     ) -> bool {
         let Some(line) = line else { return false };
         self.vote_row(line, around);
-        copy_common(output, self.rows.row(line));
+        copy_common(output, self.window.rows.row(line));
         true
     }
 
     /// Performs the vote for each pixel of a row whose disparity does not hold.
     fn vote_row(&mut self, line: u32, around: &Surroundings<'_, '_, '_>) {
         let channels = around.channels;
-        let there = self.rows.around(line, self.parameters.reach_y_px);
+        let there = self.window.around(line);
         // The lines of the window, looked up once per row.
         let mut lines = [[&[][..]; MAX_CHANNELS]; MAX_LINES];
         // Rows and arms have the same places in their rings.
         let mut starts = [0; MAX_LINES];
         for ((lines, start), row) in lines.iter_mut().zip(&mut starts).zip(there.clone()) {
-            *start = self.rows.start(row);
+            *start = self.window.rows.start(row);
             for (levels, channel) in lines.iter_mut().zip(channels) {
                 *levels = channel.row(around.first_line + row);
             }
@@ -135,12 +127,12 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
             parameters: &self.parameters,
         };
         // The columns before the first pixel that holds are left to the border.
-        let mut own = self.rows.row(line).iter();
+        let mut own = self.window.rows.row(line).iter();
         let first = own.position(|&found| Found::of(found).holds());
-        let width = self.rows.row(line).len();
-        let own_start = self.rows.start(line);
+        let width = self.window.rows.row(line).len();
+        let own_start = self.window.rows.start(line);
         for x in first.unwrap_or(width)..width {
-            let Some(&own) = self.rows.values().get(own_start + x) else {
+            let Some(&own) = self.window.rows.values().get(own_start + x) else {
                 break;
             };
             if Found::of(own).holds() {
@@ -157,11 +149,11 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
                 let arms = self.arms.values().get(at).copied().unwrap_or(0);
                 // Within the row.
                 let [left, right] = arms.to_le_bytes().map(usize::from);
-                let run = self.rows.values().get(at - left..=at + right);
+                let run = self.window.rows.values().get(at - left..=at + right);
                 total += count_votes(run.unwrap_or_default(), self.votes);
             }
             if let Some(elected_q4) = self.elect(total)
-                && let Some(pixel) = self.rows.values_mut().get_mut(own_start + x)
+                && let Some(pixel) = self.window.rows.values_mut().get_mut(own_start + x)
             {
                 *pixel = elected_q4;
             }
@@ -186,20 +178,18 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
 
 impl<K: Kernels> RowStage<Surroundings<'_, '_, '_>> for RegionVote<'_, K> {
     fn reset(&mut self) {
-        self.rows.clear();
-        self.lookahead.reset();
+        self.window.clear();
         self.arms.clear();
     }
 
     fn push(&mut self, row: &mut [i16], around: &mut Surroundings<'_, '_, '_>) -> bool {
         self.measure_arms(around);
-        self.rows.push_copy(row);
-        let due = self.lookahead.due(self.rows.rows_in());
+        let due = self.window.push(row);
         self.vote(due, row, around)
     }
 
     fn flush(&mut self, row: &mut [i16], around: &mut Surroundings<'_, '_, '_>) -> bool {
-        let next = self.lookahead.last(self.rows.rows_in());
+        let next = self.window.flush();
         self.vote(next, row, around)
     }
 }

@@ -6,7 +6,7 @@
 
 use super::surroundings::Surroundings;
 use crate::config::SpeckleParameters;
-use crate::rows::{Arena, Found, Lookahead, OutOfMemory, Part, Ring, RowStage, copy_common, words};
+use crate::rows::{Arena, Found, OutOfMemory, Part, RowStage, RowWindow, copy_common, words};
 
 /// Largest number of lines of a window.
 const MAX_LINES: usize = 31;
@@ -25,8 +25,7 @@ type Run = [u16; 3];
 /// disparity and lose their confidence.
 #[derive(Debug)]
 pub(super) struct Speckle<'m> {
-    rows: Ring<'m, i16>,
-    lookahead: Lookahead,
+    window: RowWindow<'m>,
     /// The runs of a region that were found so far.
     region: &'m mut [Run],
     parameters: SpeckleParameters,
@@ -36,10 +35,9 @@ impl<'m> Speckle<'m> {
     /// Demand of the stage: `2 reach_y + 1` rows, 6 bytes per pixel of the largest speckle, and
     /// `reach_y` lines of latency.
     pub(super) const fn part(width: usize, parameters: &SpeckleParameters) -> Part {
-        let depth = 2 * parameters.reach_y_px as usize + 1;
         Part {
             name: "speckle removal",
-            words: Ring::<i16>::words(width, 0, depth)
+            words: RowWindow::words(width, 0, parameters.reach_y_px)
                 + words(parameters.size_min as usize, size_of::<Run>()),
             look_back_lines: 0,
             latency_lines: parameters.reach_y_px as u32,
@@ -55,11 +53,8 @@ impl<'m> Speckle<'m> {
         parameters: SpeckleParameters,
         arena: &mut Arena<'m>,
     ) -> Result<Self, OutOfMemory> {
-        let depth = 2 * usize::from(parameters.reach_y_px) + 1;
-        let none = Found::NOT_FOUND.stored();
         Ok(Self {
-            rows: Ring::new(width, 0, depth, none, arena)?,
-            lookahead: Lookahead::new(parameters.reach_y_px.into()),
+            window: RowWindow::new(width, 0, parameters.reach_y_px, arena)?,
             region: arena.take(usize::from(parameters.size_min))?,
             parameters,
         })
@@ -74,12 +69,12 @@ impl<'m> Speckle<'m> {
         around: &mut Surroundings<'_, '_, '_>,
     ) -> bool {
         let Some(line) = line else { return false };
-        copy_common(output, self.rows.row(line));
-        let there = self.rows.around(line, self.parameters.reach_y_px);
+        copy_common(output, self.window.rows.row(line));
+        let there = self.window.around(line);
         // The lines of the window, looked up once per row.
         let mut lines = [&[][..]; MAX_LINES];
         for (values, row) in lines.iter_mut().zip(there.clone()) {
-            *values = self.rows.row(row);
+            *values = self.window.rows.row(row);
         }
         let enough = usize::from(self.parameters.size_min);
         let mut search = Search {
@@ -118,18 +113,16 @@ impl<'m> Speckle<'m> {
 
 impl RowStage<Surroundings<'_, '_, '_>> for Speckle<'_> {
     fn reset(&mut self) {
-        self.rows.clear();
-        self.lookahead.reset();
+        self.window.clear();
     }
 
     fn push(&mut self, row: &mut [i16], around: &mut Surroundings<'_, '_, '_>) -> bool {
-        self.rows.push_copy(row);
-        let due = self.lookahead.due(self.rows.rows_in());
+        let due = self.window.push(row);
         self.remove(due, row, around)
     }
 
     fn flush(&mut self, row: &mut [i16], around: &mut Surroundings<'_, '_, '_>) -> bool {
-        let next = self.lookahead.last(self.rows.rows_in());
+        let next = self.window.flush();
         self.remove(next, row, around)
     }
 }
@@ -253,6 +246,7 @@ mod tests {
 
     use super::*;
     use crate::disparity::INVALID;
+    use crate::rows::Ring;
 
     const WIDTH: usize = 8;
 
@@ -267,7 +261,7 @@ mod tests {
         let depth = 2 * usize::from(parameters.reach_y_px) + 1;
         let mut memory = vec![0; Ring::<u8>::words(WIDTH, 0, depth)];
         let mut confidences = Ring::new(WIDTH, 0, depth, 0, &mut Arena::new(&mut memory)).unwrap();
-        let mut lookahead = Lookahead::new(parameters.reach_y_px.into());
+        let mut done = 0;
         let mut output = vec![];
         let mut row = [INVALID; WIDTH];
         for line in picture {
@@ -285,10 +279,10 @@ mod tests {
             };
             if speckle.push(&mut row, around) {
                 output.push(row.iter().map(digit).collect());
-                let done = lookahead.due(confidences.rows_in()).unwrap();
                 // A speckle loses its confidence with its disparity.
                 let kept = row.map(|found| if found == INVALID { 0 } else { 9 });
                 assert_eq!(confidences.row(done), kept);
+                done += 1;
             }
         }
         let around = &mut Surroundings {
