@@ -5,15 +5,14 @@ use crate::config::{Config, ConfigError, RecallParameters};
 use crate::disparity::Reference;
 use crate::kernel::{Kernels, LANES, RowRecall};
 use crate::pattern::{PatternRow, Sampler, Synapses};
-use crate::rows::{Arena, Line, Order, Part, Parts, View, ViewSize, words};
+use crate::rows::{Arena, Line, Order, Part, Parts, ViewPair, ViewSize, words};
 
 /// Takes pairs of lines and returns one row of candidate disparities for each, `support.y_px` lines
 /// later.
 #[derive(Debug)]
 pub struct RecallMatcher<'m, K> {
     kernels: K,
-    reference: View<'m>,
-    other: View<'m>,
+    views: ViewPair<'m>,
     sampler: Sampler<'m>,
     /// Patterns of the reference view.
     inputs: PatternRow<'m>,
@@ -108,8 +107,12 @@ impl<'m, K: Kernels> RecallMatcher<'m, K> {
         Ok(Self {
             kernels,
             sampler: Sampler::new(config, arena)?,
-            reference: View::new(view_size(config), Order::Columns, arena)?,
-            other: View::new(view_size(config), other_order, arena)?,
+            views: ViewPair::new(
+                config.reference,
+                [view_size(config); 2],
+                [Order::Columns, other_order],
+                arena,
+            )?,
             inputs: PatternRow::new(columns, synapses, arena)?,
             stored: PatternRow::new(config.width.into(), synapses, arena)?,
             distances: arena.take(disparities.next_multiple_of(LANES))?,
@@ -128,8 +131,7 @@ impl<'m, K: Kernels> RecallMatcher<'m, K> {
     /// Forgets the frame: the next pair is that of line 0.
     pub fn reset(&mut self) {
         self.sampler.reset();
-        self.reference.clear();
-        self.other.clear();
+        self.views.clear();
     }
 
     /// Number of lines of the frame whose rows are done, those outside the region included.
@@ -145,17 +147,8 @@ impl<'m, K: Kernels> RecallMatcher<'m, K> {
         left: &(impl Line + ?Sized),
         right: &(impl Line + ?Sized),
     ) -> Option<u32> {
-        match self.config.reference {
-            Reference::Left => {
-                self.reference.push(left, &self.kernels);
-                self.other.push(right, &self.kernels);
-            }
-            Reference::Right => {
-                self.reference.push(right, &self.kernels);
-                self.other.push(left, &self.kernels);
-            }
-        }
-        let line = self.sampler.next_row(self.reference.lines(), false)?;
+        self.views.push(left, right, 0, &self.kernels);
+        let line = self.sampler.next_row(self.views.lines(), false)?;
         self.recall(line);
         Some(line)
     }
@@ -163,7 +156,7 @@ impl<'m, K: Kernels> RecallMatcher<'m, K> {
     /// Completes the next row inside the region after the last pair and returns its line, or `None`
     /// if there are no more.
     pub fn flush(&mut self) -> Option<u32> {
-        let line = self.sampler.next_row(self.reference.lines(), true)?;
+        let line = self.sampler.next_row(self.views.lines(), true)?;
         self.recall(line);
         Some(line)
     }
@@ -189,8 +182,12 @@ impl<'m, K: Kernels> RecallMatcher<'m, K> {
         let disparities = usize::from(self.config.disparities.count);
         let used = used_positions(first, step, columns, disparities, width);
         for (view, positions, patterns) in [
-            (&self.reference, column..column + columns, &mut self.inputs),
-            (&self.other, used.clone(), &mut self.stored),
+            (
+                &self.views.reference,
+                column..column + columns,
+                &mut self.inputs,
+            ),
+            (&self.views.other, used.clone(), &mut self.stored),
         ] {
             self.sampler
                 .observe(view, line, positions, patterns, &self.kernels);

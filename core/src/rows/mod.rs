@@ -22,4 +22,4 @@ pub(crate) use ring::{Ring, RowWindow};
 pub use stage::Part;
 pub(crate) use stage::{Parts, RowStage, Then};
 pub use strip::{Offset, Order, Strip, StripWindow};
-pub use views::{View, ViewSize};
+pub use views::{View, ViewPair, ViewSize};

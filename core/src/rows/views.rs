@@ -4,6 +4,7 @@ use super::arena::{Arena, OutOfMemory};
 use super::copy::copy_common;
 use super::line::Line;
 use super::strip::{Order, Strip};
+use crate::disparity::Reference;
 use crate::kernel::{Kernels, MAX_CHANNELS};
 
 /// The newest lines of one view: grey; red, green and blue if there is colour; and smoothed grey,
@@ -199,5 +200,69 @@ impl<'m> View<'m> {
             *row = channel.row(line);
         }
         rows
+    }
+}
+
+/// The two views of a matcher, by their roles.
+#[derive(Debug)]
+pub struct ViewPair<'m> {
+    /// The view whose pixels get a disparity.
+    pub reference: View<'m>,
+    /// The view that is searched.
+    pub other: View<'m>,
+    side: Reference,
+}
+
+impl<'m> ViewPair<'m> {
+    /// Two empty views; `side` is the camera of the reference view. `sizes` and `orders` are those
+    /// of the reference view and of the other.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] when the arena has fewer words left than both [`ViewSize::words`] together.
+    pub fn new(
+        side: Reference,
+        sizes: [ViewSize; 2],
+        orders: [Order; 2],
+        arena: &mut Arena<'m>,
+    ) -> Result<Self, OutOfMemory> {
+        let ([size, other_size], [order, other_order]) = (sizes, orders);
+        Ok(Self {
+            reference: View::new(size, order, arena)?,
+            other: View::new(other_size, other_order, arena)?,
+            side,
+        })
+    }
+
+    /// Takes the next line of each camera. The lines of the other view lie `offset_q4` too low,
+    /// 1/16 line: see [`Strip::push_moved`].
+    pub fn push(
+        &mut self,
+        left: &(impl Line + ?Sized),
+        right: &(impl Line + ?Sized),
+        offset_q4: i8,
+        kernels: &impl Kernels,
+    ) {
+        match self.side {
+            Reference::Left => {
+                self.reference.push(left, kernels);
+                self.other.push_moved(right, offset_q4, kernels);
+            }
+            Reference::Right => {
+                self.reference.push(right, kernels);
+                self.other.push_moved(left, offset_q4, kernels);
+            }
+        }
+    }
+
+    /// Forgets the frame: the next lines are line 0.
+    pub fn clear(&mut self) {
+        self.reference.clear();
+        self.other.clear();
+    }
+
+    /// Number of pairs of lines that have come since the frame began.
+    #[must_use]
+    pub fn lines(&self) -> u32 {
+        self.reference.lines()
     }
 }

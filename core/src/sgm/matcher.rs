@@ -8,13 +8,13 @@ use super::masks::{RowMasks, SgmMasks, block_first};
 use super::penalties::write_penalties;
 use super::plan::SgmPlan;
 use crate::config::{Config, ConfigError, SgmParameters};
-use crate::disparity::{Reference, STEPS_PER_PX};
+use crate::disparity::STEPS_PER_PX;
 use crate::kernel::{
     AggregateRow, CELLS_PER_BYTE, CostRun, Kernels, MASK_LANES, MAX_CHANNELS, Planes,
     path_scratch_bytes,
 };
 use crate::pattern::{PatternRow, Sampler, Synapses};
-use crate::rows::{Arena, Line, Strip, View, extend_run};
+use crate::rows::{Arena, Line, Strip, ViewPair, extend_run};
 
 /// Largest number of pixels of a run of costs without masks.
 const RUN_LANES: usize = 128;
@@ -25,8 +25,7 @@ const RUN_LANES: usize = 128;
 pub struct SgmMatcher<'m, K, M = SgmMasks<'m, K>> {
     kernels: K,
     sampler: Sampler<'m>,
-    reference: View<'m>,
-    other: View<'m>,
+    views: ViewPair<'m>,
     exposure: Exposure,
     alignment: Alignment,
     /// Source of masks; `None` if every cell counts.
@@ -130,12 +129,15 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         let plan = SgmPlan::new(config, sgm);
         let synapses = usize::from(config.parameters.synapses);
         let (width, stride) = (plan.width, plan.stride);
-        let [order, other_order] = SgmPlan::orders(config.reference);
         Ok(Self {
             kernels,
             sampler: Sampler::new(config, arena)?,
-            reference: View::new(plan.reference, order, arena)?,
-            other: View::new(plan.other, other_order, arena)?,
+            views: ViewPair::new(
+                config.reference,
+                [plan.reference, plan.other],
+                SgmPlan::orders(config.reference),
+                arena,
+            )?,
             exposure: Exposure::new(),
             alignment: Alignment::new(sgm.line_offset_max_q4, config.parameters.support),
             masks,
@@ -170,8 +172,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         self.sampler.reset();
         self.exposure = Exposure::new();
         self.alignment.reset();
-        self.reference.clear();
-        self.other.clear();
+        self.views.clear();
     }
 
     /// Number of lines of the frame whose rows are done, those outside the region included.
@@ -187,17 +188,8 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         right: &(impl Line + ?Sized),
     ) -> Option<u32> {
         let offset_q4 = self.alignment.offset_q4();
-        match self.config.reference {
-            Reference::Left => {
-                self.reference.push(left, &self.kernels);
-                self.other.push_moved(right, offset_q4, &self.kernels);
-            }
-            Reference::Right => {
-                self.reference.push(right, &self.kernels);
-                self.other.push_moved(left, offset_q4, &self.kernels);
-            }
-        }
-        let line = self.sampler.next_row(self.reference.lines(), false)?;
+        self.views.push(left, right, offset_q4, &self.kernels);
+        let line = self.sampler.next_row(self.views.lines(), false)?;
         self.match_row(line);
         Some(line)
     }
@@ -205,7 +197,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
     /// Completes the next row inside the region after the last pair and returns its line, or `None`
     /// if there are no more.
     pub fn flush(&mut self) -> Option<u32> {
-        let line = self.sampler.next_row(self.reference.lines(), true)?;
+        let line = self.sampler.next_row(self.views.lines(), true)?;
         self.match_row(line);
         Some(line)
     }
@@ -225,7 +217,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
     /// Channels of the reference view, for the refinement.
     #[must_use]
     pub fn channels(&self) -> &[Strip<'m>] {
-        self.reference.channels()
+        self.views.reference.channels()
     }
 
     fn match_row(&mut self, line: u32) {
@@ -261,8 +253,8 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
     fn observe(&self, line: u32, inputs: &mut CostInputs<'_>) {
         let plan = &self.plan;
         for (view, patterns) in [
-            (&self.reference, &mut inputs.own),
-            (&self.other, &mut inputs.stored),
+            (&self.views.reference, &mut inputs.own),
+            (&self.views.other, &mut inputs.stored),
         ] {
             let positions = 0..plan.width;
             self.sampler
@@ -280,7 +272,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         let plan = &self.plan;
         let lows = inputs.low.chunks_exact_mut(plan.positions.max(1));
         let highs = inputs.high.chunks_exact_mut(plan.positions.max(1));
-        let others = self.other.channels();
+        let others = self.views.other.channels();
         for ((channel, (low, high)), other) in lows.zip(highs).enumerate().zip(others) {
             let levels = other.row(line);
             let inside = plan.front..plan.front + plan.width;
@@ -300,8 +292,8 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
     fn compute_costs(&mut self, line: u32, inputs: CostInputs<'_>) {
         let (parameters, plan) = (&self.parameters, &self.plan);
         let synapses = self.config.parameters.synapses;
-        let channels = self.reference.channels();
-        let levels = self.reference.rows(line);
+        let channels = self.views.reference.channels();
+        let levels = self.views.reference.rows(line);
         if let Some(masks) = &mut self.masks {
             masks.begin(channels, line);
         }
@@ -356,8 +348,8 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
     /// Aggregates the costs of a row and selects the best disparities of both views.
     fn aggregate(&mut self, line: u32, is_first: bool) {
         let (parameters, plan) = (&self.parameters, &self.plan);
-        let grey = self.reference.grey().row(line);
-        let above = self.reference.grey().row(line.saturating_sub(1));
+        let grey = self.views.reference.grey().row(line);
+        let above = self.views.reference.grey().row(line.saturating_sub(1));
         if let Some((first, after)) = self.p2_along.split_first_mut() {
             *first = parameters.p2;
             write_penalties(parameters, grey.get(1..).unwrap_or_default(), grey, after);
@@ -388,7 +380,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
     /// Checks the row, and learns exposure and alignment from the disparities that hold.
     fn check(&mut self, line: u32) {
         let reach = usize::from(self.config.parameters.support.x_px);
-        let grey = self.reference.grey();
+        let grey = self.views.reference.grey();
         let check = RowCheck {
             best: self.best,
             refined_index_q4: self.refined_index_q4,
@@ -408,8 +400,8 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         }
         // The gradient is taken from the lines above and below.
         let channels = self.plan.reference.channels();
-        if self.plan.other.moving && line > 0 && line + 1 < self.other.lines() {
-            let other = self.other.grey();
+        if self.plan.other.moving && line > 0 && line + 1 < self.views.other.lines() {
+            let other = self.views.other.grey();
             let rows = GreyRows {
                 own: grey.row(line),
                 others: [line - 1, line, line + 1].map(|line| other.row(line)),
@@ -433,8 +425,8 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
                 self.alignment.learn(matches, rows, &conversion);
             }
         }
-        let levels = self.reference.rows(line);
-        let others = self.other.rows(line);
+        let levels = self.views.reference.rows(line);
+        let others = self.views.other.rows(line);
         // Every other pixel suffices.
         let matches = check.matches::<2>(self.confidences);
         if channels == 1 {
