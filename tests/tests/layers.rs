@@ -40,7 +40,7 @@ const CRATES: [Layers; 5] = [
     Layers {
         sources: "core/kernels/src",
         rooms: &[
-            &["methods", "cases"],
+            &["cases"],
             &["aarch64", "armv7em", "x86_64"],
             &["rv32", "native"],
         ],

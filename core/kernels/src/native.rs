@@ -1,6 +1,7 @@
 //! Choice of a kernel set at run time.
 
 use vgstereo_core::kernel::{Kernels, Portable};
+use vgstereo_core::kernel_methods;
 
 /// Defines [`NativeKernels`] over the listed sets, slowest first. Each is given by its name, its
 /// type, whose `detect` returns a value if the processor can run it, and the targets that have it.
@@ -40,7 +41,7 @@ macro_rules! native_sets {
                 $(#[cfg($target)] <$Kernels as Kernels>::FUSES_SELECTION,)+
             ]);
 
-            write_methods!(dispatch { $($Set if $target;)+ });
+            kernel_methods!([dispatch] { $($Set if $target;)+ });
         }
     };
 }

@@ -110,93 +110,108 @@ pub trait Kernels: Copy {
     );
 }
 
+/// The parameters of every kernel, for macros that write methods of
+/// [`Kernels`](crate::kernel::Kernels): invokes the macro in brackets once for each named kernel, or
+/// for all kernels if none is named, with any tokens in braces, the kernel's name, its parameters
+/// and its arguments.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! kernel_methods {
+    ($write:tt $how:tt: $($kernel:ident),+ $(,)?) => {
+        $($crate::kernel_methods!(@ $kernel $write $how);)+
+    };
+    ($write:tt $how:tt) => {
+        $crate::kernel_methods!($write $how: luma_row, channel_row, convert_row, smooth_row,
+            pack_cells, recall_row, mask_block, cost_run, aggregate_paths, select_row,
+            aggregate_row, arms_row, median9_row, weighted_median_row);
+    };
+    (@ luma_row $($to:tt)+) => {
+        $crate::kernel_methods!(@@ luma_row $($to)+,
+            format: $crate::kernel::PixelFormat, line: &[u8], grey: &mut [u8]);
+    };
+    (@ channel_row $($to:tt)+) => {
+        $crate::kernel_methods!(@@ channel_row $($to)+,
+            format: $crate::kernel::PixelFormat, line: &[u8], channel: usize,
+            row: &mut [u8]);
+    };
+    (@ convert_row $($to:tt)+) => {
+        $crate::kernel_methods!(@@ convert_row $($to)+,
+            conversion: &$crate::kernel::LevelConversion, levels: &[u8], low: &mut [u8],
+            high: &mut [u8]);
+    };
+    (@ smooth_row $($to:tt)+) => {
+        $crate::kernel_methods!(@@ smooth_row $($to)+,
+            rows: [&[u8]; 3], step_max: u8, smoothed: &mut [u8]);
+    };
+    (@ pack_cells $($to:tt)+) => {
+        $crate::kernel_methods!(@@ pack_cells $($to)+,
+            samples: &[&[u8]; $crate::kernel::CELLS_PER_BYTE + 1], packed: &mut [u8]);
+    };
+    (@ recall_row $($to:tt)+) => {
+        $crate::kernel_methods!(@@ recall_row $($to)+,
+            row: &$crate::kernel::RowRecall<'_>, distances: &mut [i16],
+            candidates_px: &mut [i16]);
+    };
+    (@ mask_block $($to:tt)+) => {
+        $crate::kernel_methods!(@@ mask_block $($to)+, block: &mut $crate::kernel::MaskBlock<'_>);
+    };
+    (@ cost_run $($to:tt)+) => {
+        $crate::kernel_methods!(@@ cost_run $($to)+,
+            run: &$crate::kernel::CostRun<'_>, costs: &mut [u8]);
+    };
+    (@ aggregate_paths $($to:tt)+) => {
+        $crate::kernel_methods!(@@ aggregate_paths $($to)+,
+            row: &mut $crate::kernel::AggregateRow<'_>);
+    };
+    (@ select_row $($to:tt)+) => {
+        $crate::kernel_methods!(@@ select_row $($to)+, row: &mut $crate::kernel::AggregateRow<'_>);
+    };
+    (@ aggregate_row $($to:tt)+) => {
+        $crate::kernel_methods!(@@ aggregate_row $($to)+,
+            row: &mut $crate::kernel::AggregateRow<'_>);
+    };
+    (@ arms_row $($to:tt)+) => {
+        $crate::kernel_methods!(@@ arms_row $($to)+,
+            row: &$crate::kernel::ArmsRow<'_>, scratch: &mut [u8], arms: &mut [i16]);
+    };
+    (@ median9_row $($to:tt)+) => {
+        $crate::kernel_methods!(@@ median9_row $($to)+, rows: [&[i16]; 3], output: &mut [i16]);
+    };
+    (@ weighted_median_row $($to:tt)+) => {
+        $crate::kernel_methods!(@@ weighted_median_row $($to)+,
+            row: &$crate::kernel::WeightedMedianRow<'_>, weights: &mut [u8],
+            output: &mut [i16]);
+    };
+    (@@ $kernel:ident [$($write:tt)+] $how:tt, $($argument:ident: $type:ty),+) => {
+        $($write)+!($how $kernel ($($argument: $type),+) ($($argument),+));
+    };
+}
+
 /// The reference kernels, for every target.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Portable;
 
+/// Writes a method of [`Portable`] that calls the reference of its name.
+macro_rules! call_reference {
+    ({} $kernel:ident ($($parameters:tt)+) $arguments:tt) => {
+        #[inline]
+        fn $kernel(&self, $($parameters)+) {
+            $kernel $arguments;
+        }
+    };
+}
+
 impl Kernels for Portable {
     const FUSES_SELECTION: bool = false;
 
-    #[inline]
-    fn luma_row(&self, format: PixelFormat, line: &[u8], grey: &mut [u8]) {
-        luma_row(format, line, grey);
-    }
-
-    #[inline]
-    fn channel_row(&self, format: PixelFormat, line: &[u8], channel: usize, row: &mut [u8]) {
-        channel_row(format, line, channel, row);
-    }
-
-    #[inline]
-    fn convert_row(
-        &self,
-        conversion: &LevelConversion,
-        levels: &[u8],
-        low: &mut [u8],
-        high: &mut [u8],
-    ) {
-        convert_row(conversion, levels, low, high);
-    }
-
-    #[inline]
-    fn smooth_row(&self, rows: [&[u8]; 3], step_max: u8, smoothed: &mut [u8]) {
-        smooth_row(rows, step_max, smoothed);
-    }
-
-    #[inline]
-    fn pack_cells(&self, samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
-        pack_cells(samples, packed);
-    }
-
-    #[inline]
-    fn recall_row(&self, row: &RowRecall<'_>, distances: &mut [i16], candidates_px: &mut [i16]) {
-        recall_row(row, distances, candidates_px);
-    }
-
-    #[inline]
-    fn mask_block(&self, block: &mut MaskBlock<'_>) {
-        mask_block(block);
-    }
-
-    #[inline]
-    fn cost_run(&self, run: &CostRun<'_>, costs: &mut [u8]) {
-        cost_run(run, costs);
-    }
-
-    #[inline]
-    fn aggregate_paths(&self, row: &mut AggregateRow<'_>) {
-        aggregate_paths(row);
-    }
-
-    #[inline]
-    fn select_row(&self, row: &mut AggregateRow<'_>) {
-        select_row(row);
-    }
+    kernel_methods!([call_reference] {}: luma_row, channel_row, convert_row, smooth_row, pack_cells,
+        recall_row, mask_block, cost_run, aggregate_paths, select_row, arms_row, median9_row,
+        weighted_median_row);
 
     #[inline]
     fn aggregate_row(&self, row: &mut AggregateRow<'_>) {
         self.aggregate_paths(row);
         self.select_row(row);
-    }
-
-    #[inline]
-    fn arms_row(&self, row: &ArmsRow<'_>, scratch: &mut [u8], arms: &mut [i16]) {
-        arms_row(row, scratch, arms);
-    }
-
-    #[inline]
-    fn median9_row(&self, rows: [&[i16]; 3], output: &mut [i16]) {
-        median9_row(rows, output);
-    }
-
-    #[inline]
-    fn weighted_median_row(
-        &self,
-        row: &WeightedMedianRow<'_>,
-        weights: &mut [u8],
-        output: &mut [i16],
-    ) {
-        weighted_median_row(row, weights, output);
     }
 }
 
@@ -237,104 +252,26 @@ macro_rules! forward_kernels {
         $crate::forward_kernels!($set => $to, within |body| body(); $($kernel),+);
     };
     ($set:ident => $to:expr, within |$body:ident| $within:expr; $($kernel:ident),+ $(,)?) => {
-        $($crate::forward_kernels!(@ $kernel, $set, $to, $body, $within);)+
+        $crate::kernel_methods!(
+            [$crate::forward_kernel] { $set, $to, $body, $within }: $($kernel),+
+        );
     };
-    (@ luma_row, $($how:tt)+) => {
-        $crate::forward_kernels!(@@ luma_row(
-            format: $crate::kernel::PixelFormat,
-            line: &[u8],
-            grey: &mut [u8]
-        ), $($how)+);
-    };
-    (@ channel_row, $($how:tt)+) => {
-        $crate::forward_kernels!(@@ channel_row(
-            format: $crate::kernel::PixelFormat,
-            line: &[u8],
-            channel: usize,
-            row: &mut [u8]
-        ), $($how)+);
-    };
-    (@ convert_row, $($how:tt)+) => {
-        $crate::forward_kernels!(@@ convert_row(
-            conversion: &$crate::kernel::LevelConversion,
-            levels: &[u8],
-            low: &mut [u8],
-            high: &mut [u8]
-        ), $($how)+);
-    };
-    (@ smooth_row, $($how:tt)+) => {
-        $crate::forward_kernels!(@@ smooth_row(
-            rows: [&[u8]; 3],
-            step_max: u8,
-            smoothed: &mut [u8]
-        ), $($how)+);
-    };
-    (@ pack_cells, $($how:tt)+) => {
-        $crate::forward_kernels!(@@ pack_cells(
-            samples: &[&[u8]; $crate::kernel::CELLS_PER_BYTE + 1],
-            packed: &mut [u8]
-        ), $($how)+);
-    };
-    (@ recall_row, $($how:tt)+) => {
-        $crate::forward_kernels!(@@ recall_row(
-            row: &$crate::kernel::RowRecall<'_>,
-            distances: &mut [i16],
-            candidates_px: &mut [i16]
-        ), $($how)+);
-    };
-    (@ mask_block, $($how:tt)+) => {
-        $crate::forward_kernels!(@@ mask_block(
-            block: &mut $crate::kernel::MaskBlock<'_>
-        ), $($how)+);
-    };
-    (@ cost_run, $($how:tt)+) => {
-        $crate::forward_kernels!(@@ cost_run(
-            run: &$crate::kernel::CostRun<'_>,
-            costs: &mut [u8]
-        ), $($how)+);
-    };
-    (@ aggregate_paths, $($how:tt)+) => {
-        $crate::forward_kernels!(@@ aggregate_paths(
-            row: &mut $crate::kernel::AggregateRow<'_>
-        ), $($how)+);
-    };
-    (@ select_row, $($how:tt)+) => {
-        $crate::forward_kernels!(@@ select_row(
-            row: &mut $crate::kernel::AggregateRow<'_>
-        ), $($how)+);
-    };
-    (@ aggregate_row, $($how:tt)+) => {
-        $crate::forward_kernels!(@@ aggregate_row(
-            row: &mut $crate::kernel::AggregateRow<'_>
-        ), $($how)+);
-    };
-    (@ arms_row, $($how:tt)+) => {
-        $crate::forward_kernels!(@@ arms_row(
-            row: &$crate::kernel::ArmsRow<'_>,
-            scratch: &mut [u8],
-            arms: &mut [i16]
-        ), $($how)+);
-    };
-    (@ median9_row, $($how:tt)+) => {
-        $crate::forward_kernels!(@@ median9_row(
-            rows: [&[i16]; 3],
-            output: &mut [i16]
-        ), $($how)+);
-    };
-    (@ weighted_median_row, $($how:tt)+) => {
-        $crate::forward_kernels!(@@ weighted_median_row(
-            row: &$crate::kernel::WeightedMedianRow<'_>,
-            weights: &mut [u8],
-            output: &mut [i16]
-        ), $($how)+);
-    };
-    (@@ $kernel:ident($($argument:ident: $type:ty),+), $set:ident, $to:expr, $body:ident, $within:expr) => {
+}
+
+/// Writes the method of one kernel for [`forward_kernels!`](crate::forward_kernels).
+#[doc(hidden)]
+#[macro_export]
+macro_rules! forward_kernel {
+    (
+        { $set:ident, $to:expr, $body:ident, $within:expr }
+        $kernel:ident ($($parameters:tt)+) ($($arguments:tt)+)
+    ) => {
         #[inline]
-        fn $kernel(&self, $($argument: $type),+) {
+        fn $kernel(&self, $($parameters)+) {
             #[allow(unused_variables)]
             let $set = self;
             #[allow(unused_mut)]
-            let mut $body = || $crate::kernel::Kernels::$kernel($to, $($argument),+);
+            let mut $body = || $crate::kernel::Kernels::$kernel($to, $($arguments)+);
             $within
         }
     };

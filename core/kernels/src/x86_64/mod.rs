@@ -12,10 +12,12 @@
 /// features, which works because it is always inlined.
 macro_rules! compiled_for {
     ($features:literal, own { $($kernel:ident => $function:path),+ $(,)? }) => {
-        $(write_methods!(compile { $features, $function }: $kernel);)+
+        $(vgstereo_core::kernel_methods!([compile] { $features, $function }: $kernel);)+
     };
     ($features:literal, reference { $($kernel:ident),+ $(,)? }) => {
-        $(write_methods!(compile { $features, vgstereo_core::kernel::$kernel }: $kernel);)+
+        $(vgstereo_core::kernel_methods!(
+            [compile] { $features, vgstereo_core::kernel::$kernel }: $kernel
+        );)+
     };
 }
 
