@@ -21,33 +21,26 @@ pub struct Views {
 }
 
 impl Views {
-    /// Returns the views of two images that have one size, or `None` when these are wider
-    /// than 65535 px. Pixels are grey with `grey` or when neither image has colour; otherwise
-    /// they are RGB.
-    #[must_use]
-    pub fn new(left: &RgbImage, right: &RgbImage, grey: bool) -> Option<Self> {
+    /// Returns the views of two images that have one size. Pixels are grey with `grey` or when
+    /// neither image has colour; otherwise they are RGB.
+    ///
+    /// # Errors
+    /// Fails with one line that states the limit when the images are too wide.
+    pub fn new(left: &RgbImage, right: &RgbImage, grey: bool) -> Result<Self> {
         let is_grey =
             |image: &RgbImage| image.pixels().all(|p| p.0[0] == p.0[1] && p.0[1] == p.0[2]);
         let views = Self {
             left: left.as_raw().clone(),
             right: right.as_raw().clone(),
-            width: u16::try_from(left.width()).ok()?,
+            width: u16::try_from(left.width())
+                .with_context(|| format!("images are at most {} px wide", u16::MAX))?,
             format: PixelFormat::Rgb888,
         };
-        Some(if grey || is_grey(left) && is_grey(right) {
+        Ok(if grey || is_grey(left) && is_grey(right) {
             views.to_grey()
         } else {
             views
         })
-    }
-
-    /// Returns what [`Views::new`] does, with an error in place of `None`.
-    ///
-    /// # Errors
-    /// Fails with one line that states the limit when the images are too wide.
-    pub fn from_images(left: &RgbImage, right: &RgbImage, grey: bool) -> Result<Self> {
-        Self::new(left, right, grey)
-            .with_context(|| format!("images are at most {} px wide", u16::MAX))
     }
 
     /// Returns these views with every pixel replaced by its luma.

@@ -136,6 +136,7 @@ const SGM: SgmParameters = SgmParameters {
     smoothing_step: 5,
     kept_cells_q8: 103,
     mask_floor: 20,
+    // Evaluated when core is built, as all of a preset is.
     mask_step: NonZeroU8::new(24).unwrap(),
     hamming_scale: 96,
     hamming_truncation: 32,

@@ -48,16 +48,16 @@ impl<const N: usize> Line for [u8; N] {
     }
 
     fn has_colour(&self) -> bool {
-        false
+        self[..].has_colour()
     }
 
     #[inline]
     fn write_grey(&self, row: &mut [u8]) {
-        copy_common(row, self);
+        self[..].write_grey(row);
     }
 
-    fn write_channel(&self, _: usize, row: &mut [u8]) {
-        self.write_grey(row);
+    fn write_channel(&self, channel: usize, row: &mut [u8]) {
+        self[..].write_channel(channel, row);
     }
 }
 

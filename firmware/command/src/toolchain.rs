@@ -99,7 +99,7 @@ fn program(name: &str) -> Option<PathBuf> {
 pub struct Need {
     /// A name for the user.
     pub what: String,
-    /// Where it was found; `None` if it is missing.
+    /// Place at which it was found; `None` if it is missing.
     pub found: Option<String>,
     /// How the user can install it without `setup --install`.
     pub remedy: String,

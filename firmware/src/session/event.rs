@@ -2,7 +2,7 @@
 
 use crate::fault::Fault;
 
-/// What became of one read of the camera.
+/// Outcome of one read of the camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]

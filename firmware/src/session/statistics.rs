@@ -4,7 +4,7 @@ use crate::camera::ErrorKind;
 
 use super::sync::Changes;
 
-/// What a session has counted since it began. All counters saturate.
+/// Counters of a session since it began. All counters saturate.
 ///
 /// `lines + lines_dropped` is the number of pairs of lines that the camera has delivered
 /// or knows to have lost between deliveries.

@@ -4,7 +4,7 @@
 //! and lines come in, an [`Action`] and the [`Changes`] of the counters go out. No number
 //! and no order of calls makes any of it panic.
 
-/// What is to be done with a pair of lines.
+/// Action that a pair of lines asks of the session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Action {
     /// Match the pair: it is the next line of the frame that is being read.
@@ -27,7 +27,7 @@ pub enum Action {
     },
 }
 
-/// What a call adds to the counters of a session.
+/// Additions to the counters of a session, from one call.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Changes {
     /// Number of frames that are done: 0 or 1.
@@ -56,7 +56,7 @@ impl Changes {
     }
 }
 
-/// What the session waits for.
+/// Pair of lines, or answer, that the state machine waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
     /// Line 0 of any frame but the one done or dropped last. Other pairs are left out without

@@ -110,7 +110,7 @@ impl Match {
             right.width(),
             right.height()
         );
-        let views = Views::from_images(&left, &right, self.grey)
+        let views = Views::new(&left, &right, self.grey)
             .with_context(|| self.left.display().to_string())?;
         let width = views.width;
         let disparities = self.disparities(width)?;

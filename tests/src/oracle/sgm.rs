@@ -6,13 +6,12 @@
 
 use std::collections::HashSet;
 
-use rand_core::SeedableRng;
-use rand_pcg::Pcg32;
 use vgstereo_core::config::SpeckleParameters;
 use vgstereo_core::kernel::{channel_row, luma_row};
-use vgstereo_core::pattern::{StoredOffset, Synapses};
+use vgstereo_core::pattern::StoredOffset;
 use vgstereo_core::{Config, INVALID, Method, Output, Reference, SgmParameters};
 
+use super::recall::offsets;
 use crate::Pair;
 
 /// A view as separate planes: grey, and the channels that the stages compare.
@@ -57,7 +56,7 @@ pub fn match_whole(pair: &Pair, config: &Config) -> (Vec<i16>, Vec<u8>) {
         Reference::Left => (view(pair, &pair.left, &a), view(pair, &pair.right, &a)),
         Reference::Right => (view(pair, &pair.right, &a), view(pair, &pair.left, &a)),
     };
-    let mut offsets = draw(config);
+    let mut offsets = offsets(&config.parameters);
     if mirrored {
         mirror(&mut reference);
         mirror(&mut other);
@@ -168,26 +167,6 @@ fn mirror(view: &mut View) {
             line.reverse();
         }
     }
-}
-
-fn draw(config: &Config) -> Vec<StoredOffset> {
-    let parameters = &config.parameters;
-    let mut offsets = vec![[0; 2]; usize::from(parameters.synapses)];
-    let mut generator = Pcg32::seed_from_u64(parameters.seed);
-    let half = offsets.len() / 2;
-    for (part, sigma_px) in [(0..half), (half..offsets.len())]
-        .into_iter()
-        .zip(parameters.sigmas_px)
-    {
-        Synapses::draw(
-            &mut offsets[part],
-            sigma_px,
-            parameters.support,
-            &mut generator,
-        )
-        .unwrap();
-    }
-    offsets
 }
 
 /// Exposure of the other view relative to the reference view, as learned so far.

@@ -19,7 +19,7 @@ use crate::emulator::{self, Clock};
 use crate::pair::Pair;
 use crate::toolchain::ensure_complete;
 
-/// What is measured: a board, the width and height of the views in px, the number of
+/// Cases that are measured: a board, the width and height of the views in px, the number of
 /// disparities, and the presets.
 const CASES: [(Board, u32, u32, u16, &[Preset]); 5] = [
     (STM32F405, 160, 120, 32, &[Preset::Lite, Preset::Micro]),
@@ -57,7 +57,7 @@ pub struct Bench {
     selection: EmulatedSelection,
 }
 
-/// What a board takes to match views of one size with one preset.
+/// Cost of matching views of one size with one preset on a board: instructions, RAM and flash.
 #[derive(Debug, Clone, Serialize)]
 pub struct Row {
     /// The name of the board.
