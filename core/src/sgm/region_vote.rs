@@ -107,6 +107,8 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
     }
 
     /// Performs the vote for each pixel of a row whose disparity does not hold.
+    // In one place for rows that come and rows that are flushed, as it is large.
+    #[inline(never)]
     fn vote_row(&mut self, line: u32, around: &Surroundings<'_, '_, '_>) {
         let channels = around.channels;
         let there = self.window.around(line);
