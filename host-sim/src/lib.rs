@@ -5,7 +5,7 @@
 //! [`scene`] and [`views`] hold stereo pairs, [`dataset`] loads them, [`render`] makes one, and
 //! [`exposure`] and [`line_offset`] let the right camera differ from the left. [`camera`] and
 //! [`sink`] are the two ends of a firmware's session. [`mod@frame`] matches whole frames with the kernels of
-//! `vgstereo-kernels`. [`metrics`] measures disparities
+//! `vgstereo-kernels`, and [`pair_check`] tells what is wrong with a pair. [`metrics`] measures disparities
 //! against ground truth, [`pictures`] shows them, [`published`] has results to compare with, and
 //! [`prepared`] joins a scene with its matching and measuring. [`arguments`], [`tables`] and
 //! [`terminal`] serve the [`commands`] of `vgstereo`.
@@ -20,6 +20,7 @@ pub mod files;
 pub mod frame;
 pub mod line_offset;
 pub mod metrics;
+pub mod pair_check;
 pub mod parameters;
 pub mod pictures;
 pub mod prepared;

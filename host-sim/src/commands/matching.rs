@@ -13,6 +13,7 @@ use crate::arguments::{Overrides, output_of, parse_preset};
 use crate::disparity_files::DisparityFormat;
 use crate::files::{encode, read_image, write_files};
 use crate::frame::match_frame;
+use crate::pair_check::hints;
 use crate::pictures::colour_disparities;
 use crate::tables::{kib, milliseconds};
 use crate::views::Views;
@@ -66,6 +67,10 @@ pub struct Match {
     /// Leave out disparities that were filled in rather than found.
     #[arg(long)]
     sparse: bool,
+    /// Do not look for what may be wrong with the pair: views exchanged, lines off, a search range
+    /// that is too small.
+    #[arg(long)]
+    no_check: bool,
     /// Threads; the map does not depend on their number. The SGM presets take at
     /// most 2.
     #[arg(long, value_name = "N", default_value_t = 1)]
@@ -143,6 +148,19 @@ impl Match {
             kib(matched.working_bytes),
             matched.latency_lines
         );
+        let found = matched.confidences.iter().filter(|&&c| c > 0).count();
+        let percent = found * 100 / matched.confidences.len().max(1);
+        let rest = if self.sparse {
+            "left out"
+        } else {
+            "filled in where it can be"
+        };
+        writeln!(text, "found {percent} % of the pixels; the rest is {rest}")?;
+        if !self.no_check {
+            for hint in hints(&views, disparities)? {
+                writeln!(text, "hint: {hint}")?;
+            }
+        }
         for (path, _) in &files {
             writeln!(text, "wrote {}", path.display())?;
         }

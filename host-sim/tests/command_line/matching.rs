@@ -3,6 +3,7 @@
 use std::fs;
 
 use image::{DynamicImage, GrayImage, Luma, RgbImage};
+use vgstereo_sim::render::{RenderOptions, render};
 
 use crate::fixture::{Fixture, HEIGHT, SHIFT, WIDTH, texture};
 
@@ -293,5 +294,41 @@ fn match_refuses_bad_input() {
         "right.png",
         &["--color", "out.png"],
         &["--out", "--color", "out.png"],
+    );
+}
+
+#[test]
+fn match_says_how_much_it_found_and_what_may_be_wrong() {
+    let fixture = Fixture::new();
+    let scene = render(&RenderOptions {
+        width: 160,
+        height: 120,
+        d_max: 24,
+        ..RenderOptions::default()
+    });
+    scene.left.save(fixture.path("left.png")).unwrap();
+    scene.right.save(fixture.path("right.png")).unwrap();
+    let run = |left: &str, right: &str, more: &[&str]| {
+        let pair = ["match", left, right, "--out", "d.pfm", "--d-max", "24"];
+        let outcome = fixture.run(&[&pair, more].concat());
+        assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+        outcome.stdout
+    };
+    let good = run("left.png", "right.png", &[]);
+    assert!(
+        good.contains(" % of the pixels") && !good.contains("hint:"),
+        "{good}"
+    );
+    let exchanged = run("right.png", "left.png", &[]);
+    assert!(
+        exchanged.contains("hint: the pair matches far better"),
+        "{exchanged}"
+    );
+    let unchecked = run("right.png", "left.png", &["--no-check"]);
+    assert!(!unchecked.contains("hint:"), "{unchecked}");
+    let twice = run("left.png", "left.png", &[]);
+    assert!(
+        twice.contains("hint: both views are the same image"),
+        "{twice}"
     );
 }
