@@ -93,3 +93,43 @@ impl Parameters {
         Plan::new(&Config::new(*self, 1, DisparityRange::up_to(0))).latency_lines()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Preset;
+    use crate::kernel::Portable;
+    use crate::matcher::Matcher;
+
+    #[test]
+    fn a_plan_adds_up_its_parts() {
+        for preset in Preset::ALL {
+            for colour in [false, true] {
+                let config = Config {
+                    colour,
+                    ..Config::new(preset.parameters(), 47, DisparityRange::up_to(20))
+                };
+                let plan = Plan::new(&config);
+                let parts = || plan.matching().iter().chain(plan.refinement());
+                let words: usize = parts().map(|part| part.words).sum();
+                let latency_lines: u32 = parts().map(|part| part.latency_lines).sum();
+                let demands = (plan.words(), plan.bytes(), plan.latency_lines());
+                assert_eq!(demands, (words, 4 * words, latency_lines));
+                assert_eq!(preset.parameters().latency_lines(), latency_lines);
+                // And it is what a matcher takes, and how late it is.
+                let mut memory = std::vec![0; words];
+                assert!(Matcher::new(&config, Portable, &mut memory[1..]).is_err());
+                let grey = Config {
+                    colour: false,
+                    ..config
+                };
+                let mut matcher = Matcher::new(&grey, Portable, &mut memory).unwrap();
+                let line = [7; 47];
+                for y in 0..=latency_lines {
+                    let found = matcher.push(&line, &line).unwrap();
+                    assert_eq!(found.is_some(), y == latency_lines, "{preset}, line {y}");
+                }
+            }
+        }
+    }
+}

@@ -172,6 +172,8 @@ fn compare(found: Match, rows: GreyRows<'_>, conversion: &LevelConversion) -> Op
 mod tests {
     use super::*;
     use crate::sgm::exposure::Exposure;
+    use rand_core::{Rng, SeedableRng};
+    use rand_pcg::Pcg32;
     use std::vec::Vec;
 
     const WIDTH: usize = 200;
@@ -234,5 +236,161 @@ mod tests {
     fn a_gain_that_changes_along_the_line_is_no_offset() {
         let found = learned_q4(0.0, 16, 0.2, 200);
         assert!(found.iter().all(|&found| found == 0), "{found:?}");
+    }
+
+    /// The estimate in floating point, whose values are whole: floors where the integers shift.
+    #[derive(Debug, Default)]
+    struct Expected {
+        offset_q4: f64,
+        settling_lines: u32,
+        squares: f64,
+        products: f64,
+    }
+
+    impl Expected {
+        fn learn(&mut self, pairs: &[(f64, f64)], most_q4: f64) {
+            if self.settling_lines > 0 {
+                self.settling_lines -= 1;
+                return;
+            }
+            let mut means = [0.0; 2];
+            let mut sums = [0.0; 2];
+            for &(difference, gradient) in pairs {
+                if difference.abs() > 24.0 || gradient.abs() > 64.0 {
+                    continue;
+                }
+                let centred = [difference, gradient].map(|value| 8.0 * value);
+                means[0] += difference - (means[0] / 8.0_f64).floor();
+                means[1] += gradient - (means[1] / 8.0_f64).floor();
+                let [difference, gradient] = [centred[0] - means[0], centred[1] - means[1]];
+                sums[0] += (gradient * gradient / 64.0).floor();
+                sums[1] += (gradient * difference / 64.0).floor();
+            }
+            self.squares += sums[0] - (self.squares / 16.0).floor();
+            self.products += sums[1] - (self.products / 16.0).floor();
+            self.conclude(most_q4);
+        }
+
+        fn conclude(&mut self, most_q4: f64) {
+            if self.squares < 30_000.0 {
+                return;
+            }
+            let change_q8 = (self.products * 512.0 / self.squares)
+                .floor()
+                .clamp(-256.0, 256.0);
+            if change_q8.abs() < 24.0 {
+                return;
+            }
+            let moved_q4 = (self.offset_q4 + (change_q8 + 8.0) / 16.0).floor();
+            self.offset_q4 = moved_q4.clamp(-most_q4, most_q4);
+            self.settling_lines = u32::from(SUPPORT.y_px) + 2;
+            self.squares = 0.0;
+            self.products = 0.0;
+        }
+
+        fn assert_equals(&self, alignment: &Alignment, what: &str) {
+            let found = [
+                f64::from(alignment.offset_q4()),
+                f64::from(alignment.settling_lines),
+                alignment.squares as f64,
+                alignment.products as f64,
+            ];
+            let settling = f64::from(self.settling_lines);
+            let expected = [self.offset_q4, settling, self.squares, self.products];
+            assert_eq!(found, expected, "{what}");
+        }
+    }
+
+    #[test]
+    fn random_lines_are_learned_as_in_floating_point() {
+        for seed in 0..60 {
+            let mut random = Pcg32::seed_from_u64(seed);
+            let most_q4 = [0, 5, 16][seed as usize % 3];
+            let mut alignment = Alignment::new(most_q4, SUPPORT);
+            let mut expected = Expected::default();
+            let conversion = LevelConversion {
+                gain_q12: [4096, 3200, 4900][seed as usize / 3 % 3],
+                offset_q12: [0, 28_000, -49_000][seed as usize / 9 % 3],
+                dead_zone: 0,
+            };
+            for line in 0..40 {
+                // A step between the lines that follows the level, so that an offset shows.
+                let width = 30 + random.next_u32() as usize % 60;
+                let mut row = |around: &dyn Fn(usize) -> i32| -> Vec<u8> {
+                    let mut noise = |x| around(x) + (random.next_u32() % 9) as i32 - 4;
+                    (0..width).map(|x| noise(x).clamp(0, 255) as u8).collect()
+                };
+                let slope = |x: usize| [-40, 25, 62, 9][x / 2 % 4];
+                let middle = row(&|x| 128 + (x as i32 % 5) * 8);
+                let above = row(&|x| i32::from(middle[x]) - slope(x) / 2);
+                let below = row(&|x| i32::from(middle[x]) + slope(x) / 2);
+                let own = row(&|x| {
+                    i32::from(conversion.apply(middle[x])) + slope(x) * (seed as i32 % 7 - 3) / 8
+                });
+                let matches: Vec<Match> = (0..width + 2)
+                    .map(|position| Match {
+                        position,
+                        // At times beyond either end of the row.
+                        other_position: (position + 1).wrapping_sub(random.next_u32() as usize % 3),
+                        subpixel_q4: (random.next_u32() % 17) as i16 - 8,
+                    })
+                    .collect();
+                let pairs: Vec<(f64, f64)> = matches
+                    .iter()
+                    .filter(|found| {
+                        let inner = 1..width - 1;
+                        found.position < width && inner.contains(&found.other_position)
+                    })
+                    .map(|found| {
+                        let at = found.other_position;
+                        let side = f64::from(middle[at + 1]) - f64::from(middle[at - 1]);
+                        let between = (side * f64::from(found.subpixel_q4) / 32.0).floor();
+                        let level = (f64::from(middle[at]) + between).clamp(0.0, 255.0);
+                        let level = f64::from(conversion.apply(level as u8));
+                        let gradient = f64::from(below[at]) - f64::from(above[at]);
+                        (f64::from(own[found.position]) - level, gradient)
+                    })
+                    .collect();
+                let rows = GreyRows {
+                    own: &own,
+                    others: [&above, &middle, &below],
+                };
+                alignment.learn(matches.into_iter(), rows, &conversion);
+                expected.learn(&pairs, f64::from(most_q4));
+                expected.assert_equals(&alignment, &std::format!("seed {seed}, line {line}"));
+            }
+            assert!(
+                most_q4 == 0 || seed % 7 == 3 || expected.offset_q4 != 0.0,
+                "seed {seed}"
+            );
+            alignment.reset();
+            Expected::default().assert_equals(&alignment, "after a reset");
+        }
+    }
+
+    #[test]
+    fn the_offset_changes_from_the_stated_evidence_and_deviation_on() {
+        for squares in [EVIDENCE_MIN - 1, EVIDENCE_MIN, EVIDENCE_MIN + 1, 1 << 20] {
+            for change_q8 in [-300, -25, -24, -23, -1, 0, 1, 23, 24, 25, 40, 255, 256, 300] {
+                for more in [-1, 0, 1] {
+                    let products = squares * change_q8 / 512 + more;
+                    let mut alignment = Alignment {
+                        offset_q4: 3,
+                        squares,
+                        products,
+                        ..Alignment::new(9, SUPPORT)
+                    };
+                    let mut expected = Expected {
+                        offset_q4: 3.0,
+                        squares: squares as f64,
+                        products: products as f64,
+                        ..Expected::default()
+                    };
+                    alignment.conclude();
+                    expected.conclude(9.0);
+                    expected.assert_equals(&alignment, &std::format!("{squares} {products}"));
+                }
+            }
+        }
     }
 }

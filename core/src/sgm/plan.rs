@@ -172,7 +172,7 @@ impl SgmPlan {
     /// | synapses | `4 n`: offsets, and the cost of a cell by the number of unmasked ones |
     /// | views | grey: `2 (2 Y + 1) (W + 2 X)`, and as much again where lines are smoothed; in colour three channels besides, of the reference view as deep as the last stage looks back and `Y + 1` lines of the other; `W` per channel and grey where lines are moved |
     /// | masks, unless every cell counts | `8 n` |
-    /// | costs and paths | `2 W D + 5 D + 2 W` |
+    /// | costs and paths | `2 W D + 5 D + 2 W + 6` |
     /// | paths from the right, and before them patterns, levels of the other view and cells of the masks | the larger of `W D` and `(W + P + 32) n / 8 + 2 c P + 32 n`, without `2 c P` where levels do not count and without `32 n` where every cell does |
     /// | winners and checks | `13 W + 4 D` |
     pub(crate) const fn parts(&self, config: &Config, sgm: &SgmParameters) -> Parts {
@@ -212,4 +212,124 @@ impl SgmPlan {
 
 const fn max(a: usize, b: usize) -> usize {
     if a > b { a } else { b }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{Config, Method, Preset};
+    use crate::disparity::DisparityRange;
+    use std::vec::Vec;
+
+    /// Every SGM preset, alone and with each optional stage left out, in colour and in grey, at
+    /// odd widths and with negative disparities.
+    fn for_each_configuration(mut test: impl FnMut(&Config, &SgmParameters)) {
+        let left_out: [fn(&mut SgmParameters); 6] = [
+            |_| {},
+            |sgm| sgm.speckle = None,
+            |sgm| sgm.vote = None,
+            |sgm| sgm.weighted_median = None,
+            |sgm| (sgm.speckle, sgm.vote, sgm.weighted_median) = (None, None, None),
+            |sgm| (sgm.line_offset_max_q4, sgm.difference_weight_q4) = (0, 0),
+        ];
+        let ranges = [(0, 1), (0, 48), (-7, 20), (5, 33)];
+        for preset in Preset::ALL {
+            let Method::Sgm(sgm) = preset.parameters().method else {
+                continue;
+            };
+            for (leave_out, colour) in left_out.iter().flat_map(|f| [(f, false), (f, true)]) {
+                let mut sgm = sgm;
+                leave_out(&mut sgm);
+                for (width, (minimum_px, count)) in [41, 64, 321].into_iter().zip(ranges) {
+                    let mut parameters = preset.parameters();
+                    parameters.method = Method::Sgm(sgm);
+                    let disparities = DisparityRange { minimum_px, count };
+                    let config = Config {
+                        colour,
+                        ..Config::new(parameters, width, disparities)
+                    };
+                    config.validate().unwrap();
+                    test(&config, &sgm);
+                }
+            }
+        }
+    }
+
+    /// The table in the documentation of [`SgmPlan::parts`], where it states bytes alone.
+    #[test]
+    fn parts_take_the_bytes_of_the_table() {
+        for_each_configuration(|config, sgm| {
+            let parts = SgmPlan::new(config, sgm).parts(config, sgm);
+            let rounded = |bytes: &[usize]| bytes.iter().map(|b| b.div_ceil(4)).sum::<usize>();
+            let w = usize::from(config.width);
+            let d = usize::from(config.disparities.count).next_multiple_of(16);
+            let n = usize::from(config.parameters.synapses);
+            let of = |name: &str| {
+                let mut parts = parts.as_slice().iter();
+                parts.find(|part| part.name == name).unwrap().words
+            };
+            // 4 n: two bytes of an offset per synapse, and the cost by the count from 0 to n.
+            assert_eq!(of("synapses"), rounded(&[2 * n, 2 * (n + 1)]));
+            let costs = [w * d, w * d, w, w, 3 * d + 6, 2 * d];
+            assert_eq!(of("costs and paths"), rounded(&costs));
+            let winners = [4 * (w + d), 2 * w, 2 * w, 2 * w, 2 * w, w];
+            assert_eq!(of("winners and checks"), rounded(&winners));
+            let lines = |name: &str| {
+                let mut parts = parts.as_slice().iter();
+                let part = parts.find(|part| part.name == name).unwrap();
+                (part.look_back_lines, part.latency_lines)
+            };
+            let ahead = u32::from(config.parameters.support.y_px);
+            // Patterns reach as far above their row as below it; the path from above comes from
+            // the line above.
+            let patterns = lines("patterns, then paths from the right");
+            assert_eq!(patterns, (2 * ahead, ahead));
+            assert_eq!(lines("costs and paths"), (ahead + 1, 0));
+        });
+    }
+
+    /// Each stage reads lines above the row that it takes, which is late by the stages before it.
+    #[test]
+    fn the_reference_view_is_as_deep_as_its_readers_look_back() {
+        for_each_configuration(|config, sgm| {
+            let plan = SgmPlan::new(config, sgm);
+            let ahead = u32::from(config.parameters.support.y_px);
+            let stages = SgmRefiner::stages(config, sgm);
+            let stages: Vec<Part> = stages.as_slice().to_vec();
+            let late =
+                |stages: &[Part]| ahead + stages.iter().map(|s| s.latency_lines).sum::<u32>();
+            let readers = stages
+                .iter()
+                .enumerate()
+                .filter(|(_, s)| s.look_back_lines > 0);
+            let refinement = readers
+                .map(|(index, stage)| late(&stages[..index]) + stage.look_back_lines + 1)
+                .chain([late(&stages) + 1])
+                .max()
+                .unwrap();
+            let matching = (2 * ahead + 1).max(ahead + 2);
+            let reference = plan.reference;
+            let kept = if sgm.colour && config.colour {
+                [reference.grey_lines, reference.colour_lines]
+            } else {
+                [reference.grey_lines, 0]
+            };
+            let both = refinement.max(matching) as usize;
+            let expected = if sgm.colour && config.colour {
+                [matching as usize, both]
+            } else {
+                [both, 0]
+            };
+            assert_eq!(kept, expected);
+            // A refinement that runs apart keeps the channels that it reads, and no others.
+            let apart = plan.refinement_view();
+            let expected = if sgm.colour && config.colour {
+                [0, both, 0]
+            } else {
+                [both, 0, 0]
+            };
+            let kept = [apart.grey_lines, apart.colour_lines, apart.smoothed_lines];
+            assert_eq!(kept, expected);
+        });
+    }
 }
