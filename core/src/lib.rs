@@ -63,6 +63,7 @@
 //! | [`disparity`] | the unit of disparities, their range, the value that means "none" |
 //! | [`kernel`] | the inner loops: task, plain reference, test, a file each |
 //! | `rows` | lent memory, rings and strips of lines, views, stages from row to row |
+//! | [`geometry`] | lines of two real cameras made epipolar ones, and depths from disparities; before and after the pipeline above |
 //! | [`config`] | parameters, presets, and what else a matcher is built from |
 //! | `pattern` | synapses, and the patterns of a row of neurons |
 //! | `recall`, `sgm` | the two branches, each with its matcher, its refinement and what they take |
@@ -105,8 +106,10 @@
 //!
 //! # What it does not do
 //!
-//! It does not rectify: lines must be epipolar lines already, but for an offset of up to one line
-//! between the views, which the SGM branch learns and corrects. It uses no floating point but for
+//! A matcher does not rectify: its lines must be epipolar lines already, as a
+//! [`Rectifier`](geometry::Rectifier) makes them, but for an offset of up to one line between the
+//! views, which the SGM branch learns and corrects. The core does not calibrate cameras: a
+//! [`Rectification`](geometry::Rectification) comes from elsewhere. It uses no floating point but for
 //! drawing the synapses when a matcher is built. It does not read cameras: the crate
 //! `vgstereo-firmware` does, and hands their bytes over as [`Line`]s; the conversions of pixel
 //! formats are kernels.
@@ -135,6 +138,7 @@ extern crate std;
 
 pub mod config;
 pub mod disparity;
+pub mod geometry;
 #[allow(
     clippy::indexing_slicing,
     reason = "lanes of arrays, and rows whose common length is proven once: no check is left in the loops"

@@ -29,6 +29,7 @@ const CRATES: [Layers; 5] = [
             &["disparity"],
             &["kernel"],
             &["rows"],
+            &["geometry"],
             &["config"],
             &["pattern"],
             &["recall", "sgm", "literal"],

@@ -22,6 +22,7 @@ mod nearest;
 mod neighbours;
 mod pack;
 mod recall;
+mod resample;
 mod select;
 mod smooth;
 mod unpack;
@@ -38,6 +39,9 @@ pub use nearest::{Nearest, best, nearest, nth_at};
 pub use pack::{CELLS_PER_BYTE, pack_cells};
 pub(crate) use recall::pick;
 pub use recall::{RowRecall, TieBreak, recall_row};
+pub use resample::{
+    DISPLACEMENT_BITS, ResampleRow, cell_positions, resample_cell, resample_row, sixteenth_shift,
+};
 pub use select::{parabola_q4, parabolas_q4, select_row};
 pub use smooth::smooth_row;
 pub use unpack::{MAX_CHANNELS, PixelFormat, channel_row, luma_row};

@@ -307,6 +307,8 @@ mod tests {
                 .chain([late(&stages) + 1])
                 .max()
                 .unwrap();
+            let depth = SgmPlan::refinement_depth(config, sgm);
+            assert_eq!(depth, refinement as usize);
             let matching = (2 * ahead + 1).max(ahead + 2);
             let reference = plan.reference;
             let kept = if sgm.colour && config.colour {
