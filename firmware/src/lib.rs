@@ -4,7 +4,8 @@
 //! [`LinePairSource`](crate::camera::LinePairSource), gives them to a
 //! [`Matcher`](vgstereo_core::matcher::Matcher) and its lines of disparities to a
 //! [`DisparitySink`]. It drops a frame that is not whole, counts what was lost and starts
-//! again at line 0 of the next frame. A [`Watchdog`] is fed with each line that is matched.
+//! again at line 0 of the next frame. A [`Watchdog`] is fed with each line that is matched, as
+//! long as frames come whole.
 //! For tests, [`scripted`] has a camera that fails as a script says. Drivers, pins and clocks
 //! are left to the boards.
 //!

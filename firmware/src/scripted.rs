@@ -147,7 +147,10 @@ pub struct FaultyCamera<C, S> {
     script: S,
     /// Number of the frame whose remaining pairs are lost.
     lost_frame: Option<u32>,
+    /// Pairs lost since the last one delivered.
     dropped: u32,
+    /// Whether a pair was delivered: those lost before the first are not told of.
+    has_begun: bool,
     /// Number of pairs still to be delivered again.
     again: u32,
 }
@@ -160,6 +163,7 @@ impl<C: LinePairSource + Rewind, S: AsRef<[ScriptedFault]>> FaultyCamera<C, S> {
             script,
             lost_frame: None,
             dropped: 0,
+            has_begun: false,
             again: 0,
         }
     }
@@ -216,7 +220,9 @@ impl<C: LinePairSource + Rewind, S: AsRef<[ScriptedFault]>> LinePairSource for F
             let lost = self.lost_frame == Some(pair.frame)
                 || matches!(fault, Some(FaultKind::Error(_) | FaultKind::DroppedLine));
             if !lost {
-                pair.dropped = core::mem::take(&mut self.dropped);
+                let dropped = core::mem::take(&mut self.dropped);
+                pair.dropped = if self.has_begun { dropped } else { 0 };
+                self.has_begun = true;
                 return Ok(pair);
             }
             self.dropped = self.dropped.saturating_add(1);

@@ -332,6 +332,10 @@ mod tests {
             Ok((1, 0, 0)),
         ];
         assert_eq!(reads(&[error, silent], 4), expected);
+        // Before the first pair there is nothing from which to count.
+        let first = fault(0, FaultKind::Error(ErrorKind::Bus));
+        let expected = [Err(ErrorKind::Bus), Ok((0, 1, 0))];
+        assert_eq!(reads(&[first], 2), expected);
     }
 
     #[test]

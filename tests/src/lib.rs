@@ -1,5 +1,6 @@
-//! Helpers of the tests: random pairs, measures of accuracy, and oracles for every stage.
+//! Helpers of the tests: random pairs, measures of accuracy, faults, and oracles for every stage.
 
+pub mod faults;
 pub mod oracle;
 
 use rand_core::{Rng, SeedableRng};

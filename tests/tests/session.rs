@@ -13,13 +13,16 @@ use vgstereo_firmware::camera::{
     ErrorKind, ErrorType, Geometry, Layout, LinePair, LinePairSource, PixelFormat,
 };
 use vgstereo_firmware::scripted::{FaultKind, FaultyCamera, ScriptedFault};
-use vgstereo_firmware::session::{ATTEMPT_FRAMES, RunError, SessionError, memory_words};
+use vgstereo_firmware::session::{
+    ATTEMPT_FRAMES, PATIENCE_FRAMES, RunError, SessionError, memory_words,
+};
 use vgstereo_firmware::{
     DisparitySink, Event, Fault, FrameInfo, NoWatchdog, Session, Statistics, Watchdog,
 };
 use vgstereo_sim::camera::{LINE_PERIOD_US, SimulatedCamera};
 use vgstereo_sim::sink::FrameCollector;
 use vgstereo_tests::Pair;
+use vgstereo_tests::faults::{count_fault, count_whole_frames, error_counter};
 
 const WIDTH: u16 = 21;
 const HEIGHT: u32 = 14;
@@ -185,49 +188,6 @@ fn scripted(frame: u32, line: u32, kind: FaultKind) -> ScriptedFault {
     ScriptedFault { frame, line, kind }
 }
 
-fn counter(statistics: &mut Statistics, kind: ErrorKind) -> &mut u32 {
-    match kind {
-        ErrorKind::Overrun => &mut statistics.overruns,
-        ErrorKind::SyncLost => &mut statistics.sync_losses,
-        ErrorKind::ShortLine => &mut statistics.short_lines,
-        ErrorKind::ShortFrame => &mut statistics.short_frames,
-        ErrorKind::Timeout => &mut statistics.timeouts,
-        ErrorKind::Bus => &mut statistics.bus_errors,
-        _ => &mut statistics.other_errors,
-    }
-}
-
-/// Adds to the counters what one fault at `line` of a frame causes, if the frame after it is
-/// complete.
-fn count_fault(statistics: &mut Statistics, line: u32, kind: FaultKind) {
-    let last = HEIGHT - 1;
-    // Pairs matched before the fault is noticed; whether the frame is complete nevertheless; pairs
-    // that never reach the matcher.
-    let (matched, whole, dropped) = match kind {
-        FaultKind::Error(_)
-        | FaultKind::DroppedLine
-        | FaultKind::LostSync
-        | FaultKind::Truncated => (line, false, HEIGHT - line),
-        // The repeated pair and the rest of the frame are dropped.
-        FaultKind::DuplicatedLine => (line + 1, line == last, HEIGHT - line),
-        FaultKind::DuplicatedFrame => (line + 1, line == last, (line + 1) + (last - line)),
-    };
-    match kind {
-        FaultKind::Error(kind) => *counter(statistics, kind) += 1,
-        FaultKind::LostSync => statistics.sync_losses += 1,
-        _ => statistics.sequence_breaks += 1,
-    }
-    statistics.lines += matched;
-    statistics.lines_dropped += dropped;
-    statistics.frames += u32::from(whole);
-    statistics.frames_dropped += u32::from(!whole);
-}
-
-fn count_whole_frames(statistics: &mut Statistics, frames: u32) {
-    statistics.frames += frames;
-    statistics.lines += frames * HEIGHT;
-}
-
 #[test]
 fn each_fault_at_each_place_costs_one_frame_and_no_more() {
     let expected_frame = undisturbed();
@@ -238,8 +198,8 @@ fn each_fault_at_each_place_costs_one_frame_and_no_more() {
                 let events = run_until(&mut session, 2, &expected_frame);
 
                 let mut expected = Statistics::default();
-                count_whole_frames(&mut expected, 2);
-                count_fault(&mut expected, line, kind);
+                count_whole_frames(&mut expected, HEIGHT, 2);
+                count_fault(&mut expected, HEIGHT, line, kind);
                 assert_eq!(session.statistics(), expected, "{kind:?} at line {line}");
 
                 let is_fault =
@@ -284,11 +244,11 @@ fn random_faults_in_every_other_frame_are_counted_exactly() {
             .map(|fault| {
                 let line = below(HEIGHT as usize) as u32;
                 let kind = kinds[below(kinds.len())];
-                count_fault(&mut expected, line, kind);
+                count_fault(&mut expected, HEIGHT, line, kind);
                 scripted(2 * fault + 1, line, kind)
             })
             .collect();
-        count_whole_frames(&mut expected, 7);
+        count_whole_frames(&mut expected, HEIGHT, 7);
         let camera = FaultyCamera::new(grey_camera(), script.clone());
         with_session(&config(), camera, FrameCollector::new(), |mut session| {
             run_until(&mut session, 12, &expected_frame);
@@ -492,7 +452,7 @@ fn a_session_may_begin_amid_a_frame() {
             let events = run_until(&mut session, 1, &expected_frame);
             assert_eq!(events[0], Event::Skipped { frame: 0, line: 5 });
             let mut expected = Statistics::default();
-            count_whole_frames(&mut expected, 1);
+            count_whole_frames(&mut expected, HEIGHT, 1);
             expected.frames_dropped = 1;
             expected.lines_dropped = HEIGHT - 5;
             assert_eq!(session.statistics(), expected);
@@ -578,7 +538,7 @@ fn a_dead_camera_ends_the_run_after_the_stated_attempts() {
                 let gave_up = Err(RunError::Attempts { reads, last_fault });
                 assert_eq!(session.run_frame(), gave_up);
                 let mut expected = Statistics::default();
-                *counter(&mut expected, kind) = reads;
+                *error_counter(&mut expected, kind) = reads;
                 assert_eq!(session.statistics(), expected);
                 assert!(session.sink().aborted().is_empty());
             },
@@ -634,7 +594,140 @@ fn the_watchdog_starves_while_the_camera_is_dead() {
     }
 }
 
-/// Call at which a [`StrictSink`] fails, once.
+/// Reads a camera `reads` times and returns how often the watchdog was fed in all and in the last
+/// half of the reads.
+fn meals<C: LinePairSource>(camera: C, sink: impl DisparitySink, reads: u32) -> (u32, u32) {
+    let fed = Cell::new(0);
+    let last_half = with_watched_session(&config(), camera, sink, Meals(&fed), |mut session| {
+        (0..reads / 2).for_each(|_| drop(session.step()));
+        let first_half = fed.get();
+        (0..reads / 2).for_each(|_| drop(session.step()));
+        fed.get() - first_half
+    });
+    (fed.get(), last_half)
+}
+
+#[test]
+fn the_watchdog_starves_when_no_frame_comes_whole() {
+    // Each frame takes one read at least, and not many more than it has lines.
+    let reads = 4 * PATIENCE_FRAMES * HEIGHT;
+    for kind in FaultKind::ALL {
+        for line in [1, HEIGHT / 2, HEIGHT - 1] {
+            let is_repeat = matches!(kind, FaultKind::DuplicatedLine | FaultKind::DuplicatedFrame);
+            if is_repeat && line == HEIGHT - 1 {
+                // Such a frame is whole.
+                continue;
+            }
+            let script: Vec<_> = (0..reads)
+                .map(|frame| scripted(frame, line, kind))
+                .collect();
+            let camera = FaultyCamera::new(grey_camera(), script);
+            let (fed, late) = meals(camera, FrameCollector::new(), reads);
+            let lines = if is_repeat { line + 1 } else { line };
+            assert_eq!((fed, late), (PATIENCE_FRAMES * lines, 0), "{kind:?} {line}");
+        }
+    }
+}
+
+#[test]
+fn the_watchdog_is_fed_as_long_as_one_frame_in_so_many_comes_whole() {
+    let frames = 4 * PATIENCE_FRAMES;
+    let broken = |frame: &u32| frame % PATIENCE_FRAMES != PATIENCE_FRAMES - 1;
+    let line = HEIGHT - 1;
+    let script: Vec<_> = (0..frames)
+        .filter(broken)
+        .map(|frame| scripted(frame, line, FaultKind::Error(ErrorKind::ShortLine)))
+        .collect();
+    let faults = script.len() as u32;
+    let camera = FaultyCamera::new(grey_camera(), script);
+    let (fed, _) = meals(camera, FrameCollector::new(), frames * HEIGHT);
+    assert_eq!(fed, frames * HEIGHT - faults);
+}
+
+/// A camera whose numbers are made by a function of the number of the read.
+struct Numbered<F>(u32, F);
+
+impl<F> ErrorType for Numbered<F> {
+    type Error = ErrorKind;
+}
+
+impl<F: Fn(u32) -> (u32, u32)> LinePairSource for Numbered<F> {
+    fn geometry(&self) -> Geometry {
+        grey_camera().geometry()
+    }
+
+    fn read_pair(&mut self, _: &mut [u8], _: &mut [u8]) -> Result<LinePair, ErrorKind> {
+        let (frame, line) = self.1(self.0);
+        self.0 += 1;
+        Ok(LinePair {
+            frame,
+            line,
+            timestamp_us: 0,
+            dropped: 0,
+        })
+    }
+}
+
+#[test]
+fn the_watchdog_starves_when_numbers_make_no_frame() {
+    let reads = 4 * PATIENCE_FRAMES * HEIGHT;
+    let sink = FrameCollector::new;
+    // The frame's number stands still: one frame, and then none.
+    let still = Numbered(0, |read| (7, read % HEIGHT));
+    assert_eq!(meals(still, sink(), reads), (HEIGHT, 0));
+    // Line 0 never comes.
+    let headless = Numbered(0, |read| (read / (HEIGHT - 1), 1 + read % (HEIGHT - 1)));
+    assert_eq!(meals(headless, sink(), reads), (0, 0));
+    // Nothing but line 0 comes.
+    let beheaded = Numbered(0, |read| (read, 0));
+    assert_eq!(meals(beheaded, sink(), reads), (PATIENCE_FRAMES, 0));
+    // Two frames take turns.
+    let turns = Numbered(0, |read| (read % 2, read / 2 % HEIGHT));
+    let (fed, late) = meals(turns, sink(), reads);
+    assert_eq!(late, 0, "{fed}");
+}
+
+/// A sink that always fails at one call.
+struct BrokenSink(FailAt);
+
+impl DisparitySink for BrokenSink {
+    type Error = Refused;
+
+    fn begin_frame(&mut self, _: &FrameInfo) -> Result<(), Refused> {
+        refuse(self.0 == FailAt::Begin)
+    }
+
+    fn line(&mut self, _: u32, line: &DisparityLine<'_>) -> Result<(), Refused> {
+        refuse(self.0 == FailAt::Line(line.line))
+    }
+
+    fn end_frame(&mut self, _: &FrameInfo) -> Result<(), Refused> {
+        refuse(self.0 == FailAt::End)
+    }
+
+    fn abort_frame(&mut self, _: u32, _: Fault) {}
+}
+
+fn refuse(refused: bool) -> Result<(), Refused> {
+    if refused { Err(Refused) } else { Ok(()) }
+}
+
+#[test]
+fn the_watchdog_starves_when_the_sink_takes_no_frame() {
+    let reads = 4 * PATIENCE_FRAMES * HEIGHT;
+    let latency = config().parameters.latency_lines();
+    for (fail_at, lines) in [
+        (FailAt::Begin, 0),
+        (FailAt::Line(0), latency),
+        (FailAt::Line(HEIGHT - 1), HEIGHT - 1),
+        (FailAt::End, HEIGHT - 1),
+    ] {
+        let (fed, late) = meals(grey_camera(), BrokenSink(fail_at), reads);
+        assert_eq!((fed, late), (PATIENCE_FRAMES * lines, 0), "{fail_at:?}");
+    }
+}
+
+/// Call at which a [`StrictSink`] fails, once, and a [`BrokenSink`] always.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum FailAt {
     Begin,
@@ -725,7 +818,7 @@ fn a_failing_sink_costs_one_frame_and_no_more() {
             assert_eq!(session.run_frame(), Err(RunError::Sink(Refused)));
             assert_eq!(session.run_frame(), Ok(2));
             let mut expected = Statistics::default();
-            count_whole_frames(&mut expected, 2);
+            count_whole_frames(&mut expected, HEIGHT, 2);
             let matched = match fail_at {
                 FailAt::Begin => 0,
                 FailAt::Line(line) => (line + latency + 1).min(HEIGHT),
@@ -766,7 +859,7 @@ fn the_sink_sees_calls_in_order_under_faults() {
 
 fn count_dropped(line: u32, kind: FaultKind) -> u32 {
     let mut statistics = Statistics::default();
-    count_fault(&mut statistics, line, kind);
+    count_fault(&mut statistics, HEIGHT, line, kind);
     statistics.frames_dropped
 }
 

@@ -8,11 +8,13 @@
 
 mod error;
 mod event;
+mod patience;
 mod statistics;
 pub mod sync;
 
 pub use error::{RunError, SessionError};
 pub use event::Event;
+pub use patience::{PATIENCE_FRAMES, Patience};
 pub use statistics::Statistics;
 
 use crate::camera::{Error, Geometry, LinePair, LinePairSource, RawLine};
@@ -36,7 +38,7 @@ pub const fn memory_words(geometry: &Geometry) -> usize {
 }
 
 /// Connects a camera to a matcher and a sink, and feeds a watchdog as long as lines are
-/// matched.
+/// matched and frames come whole ([`Patience`]).
 ///
 /// A session waits only where the camera does, whose every wait is bounded, and where the
 /// sink does.
@@ -50,6 +52,7 @@ pub struct Session<'m, C, K, S, W = NoWatchdog> {
     left: &'m mut [u8],
     right: &'m mut [u8],
     sync: FrameSync,
+    patience: Patience,
     /// The frame that was begun last; its end is told with it.
     info: FrameInfo,
     statistics: Statistics,
@@ -124,6 +127,7 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
             left: arena.take(line_bytes)?,
             right: arena.take(line_bytes)?,
             sync: FrameSync::new(geometry.height),
+            patience: Patience::default(),
             info: FrameInfo {
                 frame: 0,
                 timestamp_us: 0,
@@ -181,11 +185,8 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
                 self.fail(Fault::Camera(kind))
             }
         };
-        match event {
-            Event::Line { .. } | Event::FrameDone { .. } | Event::Resync { .. } => {
-                self.watchdog.feed();
-            }
-            Event::Skipped { .. } | Event::Fault(_) => {}
+        if self.patience.feeds(&event) {
+            self.watchdog.feed();
         }
         Ok(event)
     }

@@ -7,7 +7,10 @@ use super::sync::Changes;
 /// Counters of a session since it began. All counters saturate.
 ///
 /// `lines + lines_dropped` is the number of pairs of lines that the camera has delivered
-/// or knows to have lost between deliveries.
+/// or knows to have lost between deliveries, as far as its numbers have room for them.
+///
+/// A wrong number from the camera does not spoil a counter: [`sync`](super::sync) bounds what
+/// it may add.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -15,7 +18,8 @@ pub struct Statistics {
     /// Number of frames whose disparities the sink has taken from the first to the last.
     pub frames: u32,
     /// Number of frames that were dropped: begun and not finished, or missed altogether as
-    /// the camera's frame numbers tell. Counting starts with the frame of the first pair
+    /// the camera's frame numbers tell, up to
+    /// [`MISSED_FRAMES_MAX`](super::sync::MISSED_FRAMES_MAX) at a time. Counting starts with the frame of the first pair
     /// delivered. A frame of which no pair was delivered is counted when a pair of a later
     /// one is.
     pub frames_dropped: u32,

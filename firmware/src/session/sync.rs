@@ -2,7 +2,17 @@
 //!
 //! Here are the decisions of a session and nothing that carries them out: numbers of frames
 //! and lines come in, an [`Action`] and the [`Changes`] of the counters go out. No number
-//! and no order of calls makes any of it panic.
+//! and no order of calls makes any of it panic, and no number that is wrong counts for more
+//! than [`MISSED_FRAMES_MAX`] frames.
+
+/// Largest number of frames that are taken for missed when a frame's number leaps ahead. A
+/// number further ahead is taken for wrong, or for that of a camera that counts anew, and tells
+/// of no missed frame.
+///
+/// Eight seconds at 30 frames per second: when nothing was matched for longer, the watchdog of a
+/// board has reset it. So hardly a gap that a board lives through is cut short, and a number in
+/// which one bit is wrong adds at most this to a counter instead of up to 2^31.
+pub const MISSED_FRAMES_MAX: u32 = 256;
 
 /// Action that a pair of lines asks of the session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,7 +46,8 @@ pub struct Changes {
     pub frames_dropped: u32,
     /// Number of pairs of lines that are matched: 0 or 1.
     pub lines: u32,
-    /// Number of pairs of lines that the camera lost or that are left out; saturates.
+    /// Number of pairs of lines that the camera lost, as far as its numbers leave room for them,
+    /// or that are left out; saturates.
     pub lines_dropped: u32,
     /// Number of pairs of lines that came in place of the expected one: 0 or 1.
     pub sequence_breaks: u32,
@@ -82,13 +93,42 @@ impl NextFrame {
         self.0 == Some(frame.wrapping_add(1))
     }
 
-    /// Moves on to `frame` and returns how many frames were missed before it. A number that
-    /// goes back, as when the camera is restarted, tells of none.
+    /// Moves on to `frame` and returns how many frames were missed before it.
     fn go_to(&mut self, frame: u32) -> u32 {
-        let missed = self.0.map_or(0, |next| frame.wrapping_sub(next));
+        let missed = self.0.map_or(0, |next| missed_frames(next, frame));
         self.0 = Some(frame);
-        // Numbers wrap: one that is nearer behind than ahead has gone back.
-        if missed <= u32::MAX / 2 { missed } else { 0 }
+        missed
+    }
+}
+
+/// Returns how many frames were missed when `next` was due and `frame` came. A number that goes
+/// back, as when the camera is restarted, or leaps further than [`MISSED_FRAMES_MAX`], tells of
+/// none.
+fn missed_frames(next: u32, frame: u32) -> u32 {
+    // Numbers wrap: one that has gone back is very far ahead.
+    let ahead = frame.wrapping_sub(next);
+    if ahead <= MISSED_FRAMES_MAX { ahead } else { 0 }
+}
+
+/// Place of a pair in the order of all pairs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Place {
+    frame: u32,
+    line: u32,
+}
+
+impl Place {
+    /// Returns how many pairs lie between this place and a `later` one, in frames of `height`
+    /// lines; 0 if that is not later. Lines below the frame count as its last. Saturates.
+    fn pairs_until(self, later: Self, height: u32) -> u32 {
+        let line = later.line.min(height);
+        if later.frame == self.frame {
+            return line.saturating_sub(self.line).saturating_sub(1);
+        }
+        let missed = missed_frames(self.frame.wrapping_add(1), later.frame);
+        let rest = height.saturating_sub(self.line).saturating_sub(1);
+        let missed_lines = missed.saturating_mul(height);
+        missed_lines.saturating_add(rest).saturating_add(line)
     }
 }
 
@@ -101,9 +141,11 @@ impl NextFrame {
 /// an error of the camera. A begin that is not reported counts as failed; `begun` and `ended`
 /// change nothing when no frame is to begin or to end.
 ///
-/// Frame numbers wrap from `u32::MAX` to 0. When a number is up to 2^31 ahead of the one
-/// before it, the frames in between were missed; any other jump is taken for a camera that
-/// counts anew.
+/// Frame numbers wrap from `u32::MAX` to 0. When a number is ahead of the one before it by no
+/// more than [`MISSED_FRAMES_MAX`] frames, those in between were missed; any other jump is taken
+/// for a camera that counts anew, or for a number that is wrong. A wrong number loses its frame,
+/// and `frames_dropped` counts that up to three times: the frame that breaks, the one that the
+/// number tells of, and the rest of the frame that breaks.
 ///
 /// ```
 /// use vgstereo_firmware::session::sync::{Action, FrameSync};
@@ -128,6 +170,8 @@ pub struct FrameSync {
     height: u32,
     state: State,
     next_frame: NextFrame,
+    /// Place of the pair that was delivered last; `None` before the first.
+    last: Option<Place>,
 }
 
 impl FrameSync {
@@ -139,11 +183,13 @@ impl FrameSync {
             height,
             state: State::Searching,
             next_frame: NextFrame(None),
+            last: None,
         }
     }
 
     /// Takes the numbers of a pair that was delivered: its frame, its line, counted from 0,
-    /// and how many pairs are known to be lost between the pair before and this one.
+    /// and how many pairs are known to be lost between the pair before and this one; more than
+    /// lie between the two do not count.
     /// Returns what is to be done with it and what that changes.
     #[must_use]
     pub fn pair(&mut self, frame: u32, line: u32, dropped: u32) -> (Action, Changes) {
@@ -151,7 +197,10 @@ impl FrameSync {
         if matches!(self.state, State::Beginning { .. }) {
             changes = self.failed().1;
         }
-        changes.lines_dropped = changes.lines_dropped.saturating_add(dropped);
+        let place = Place { frame, line };
+        let last = self.last.replace(place);
+        let room = last.map_or(0, |last| last.pairs_until(place, self.height));
+        changes.lines_dropped = changes.lines_dropped.saturating_add(dropped.min(room));
 
         let expected = match self.state {
             State::Reading {
@@ -270,6 +319,7 @@ mod tests {
     use super::*;
     use rand_core::{Rng, SeedableRng};
     use rand_pcg::Pcg32;
+    use std::format;
     use std::vec;
     use std::vec::Vec;
 
@@ -388,12 +438,47 @@ mod tests {
         outcome
     }
 
-    /// The pair before the read `at`, errors left out.
-    fn pair_before(log: &[Read], at: usize) -> Option<u64> {
+    /// Frame and line of the pair before the read `at`, errors left out.
+    fn place_before(log: &[Read], at: usize) -> Option<(u64, u32)> {
         log[..at].iter().rev().find_map(|read| match read {
-            Read::Pair { frame, .. } => Some(*frame),
+            Read::Pair { frame, line, .. } => Some((*frame, *line)),
             Read::Error => None,
         })
+    }
+
+    /// The frame of the pair before the read `at`, errors left out.
+    fn pair_before(log: &[Read], at: usize) -> Option<u64> {
+        place_before(log, at).map(|(frame, _)| frame)
+    }
+
+    /// Whether numbers that go from one frame to a later one tell of the frames in between.
+    fn is_ahead(before: u64, frame: u64) -> bool {
+        before <= frame && frame - before <= u64::from(MISSED_FRAMES_MAX) + 1
+    }
+
+    /// Of the pairs that the camera says it lost before the read `at`, those for which its
+    /// numbers have room. A frame that is not ahead is taken for the one after.
+    fn lost_before(height: u32, log: &[Read], at: usize) -> u64 {
+        let Read::Pair {
+            frame,
+            line,
+            dropped,
+            ..
+        } = log[at]
+        else {
+            return 0;
+        };
+        let Some((before, line_before)) = place_before(log, at) else {
+            return 0;
+        };
+        let frames = if is_ahead(before, frame) {
+            frame - before
+        } else {
+            1
+        };
+        let place = u64::from(height) * frames + u64::from(line.min(height));
+        let room = place.saturating_sub(u64::from(line_before) + 1);
+        u64::from(dropped).min(room)
     }
 
     /// Whether the read `at` brings line 0 of a frame of which the pair before is no part.
@@ -450,10 +535,7 @@ mod tests {
                 break;
             };
             let Read::Pair {
-                frame,
-                line,
-                dropped,
-                fails,
+                frame, line, fails, ..
             } = *read
             else {
                 outcome.aborted.extend(open);
@@ -461,7 +543,7 @@ mod tests {
             };
             let number = frame as u32;
             seen += match pair_before(log, at) {
-                Some(before) if before <= frame => frame - before,
+                Some(before) if is_ahead(before, frame) => frame - before,
                 _ => 1,
             };
             let is_expected = expected.is_none_or(|expected| expected == (frame, line));
@@ -477,7 +559,7 @@ mod tests {
             });
             let matched = is_matched(height, log, at);
             outcome.lines += u64::from(matched);
-            outcome.lines_dropped += u64::from(dropped) + u64::from(!matched);
+            outcome.lines_dropped += lost_before(height, log, at) + u64::from(!matched);
             if matched {
                 if line == 0 {
                     outcome.begun.push(number);
@@ -499,9 +581,9 @@ mod tests {
         let outcome = outcome(height, log);
         assert_eq!(outcome, oracle(height, log), "height {height}: {log:?}");
 
-        let reads = log.iter().map(|read| match read {
+        let reads = log.iter().enumerate().map(|(at, read)| match read {
             Read::Error => 0,
-            Read::Pair { dropped, .. } => 1 + u64::from(*dropped),
+            Read::Pair { .. } => 1 + lost_before(height, log, at),
         });
         assert_eq!(outcome.lines + outcome.lines_dropped, reads.sum());
 
@@ -514,13 +596,13 @@ mod tests {
         begun.sort_unstable();
         assert_eq!(closed, begun, "each frame begun ends or is aborted once");
 
-        // While numbers do not go back, each counts once.
+        // While numbers neither go back nor leap, each counts once.
         let frames = log.iter().filter_map(|read| match read {
             Read::Error => None,
             Read::Pair { frame, .. } => Some(*frame),
         });
         let frames: Vec<u64> = frames.collect();
-        if frames.is_sorted()
+        if frames.is_sorted_by(|&before, &frame| is_ahead(before, frame))
             && let (Some(first), Some(last)) = (frames.first(), frames.last())
         {
             let counted = outcome.done.len() + outcome.open();
@@ -620,15 +702,16 @@ mod tests {
     }
 
     #[test]
-    fn frames_are_missed_as_far_ahead_as_half_the_numbers() {
+    fn frames_are_missed_as_far_ahead_as_is_stated() {
         for start in [0, 1, 1 << 31, u32::MAX] {
             for (step, dropped) in [
                 (0, 0),
                 (1, 1),
                 (2, 2),
-                (1 << 31, 1 << 31),
+                (MISSED_FRAMES_MAX + 1, MISSED_FRAMES_MAX + 1),
                 // From here on the camera counts anew.
-                ((1 << 31) + 1, 1),
+                (MISSED_FRAMES_MAX + 2, 1),
+                (1 << 31, 1),
                 (u32::MAX, 1),
             ] {
                 let mut sync = FrameSync::new(4);
@@ -636,6 +719,54 @@ mod tests {
                 let (action, changes) = sync.pair(start.wrapping_add(step), 3, 0);
                 assert_eq!(action, Action::Skip);
                 assert_eq!(changes.frames_dropped, dropped, "{start} + {step}");
+            }
+        }
+    }
+
+    /// Whole frames with one wrong bit in one number of one pair.
+    #[test]
+    fn a_wrong_bit_counts_no_more_than_is_stated() {
+        let height = 6;
+        for first in [0, 1000, u32::MAX - 1] {
+            for (bit, line) in (0..32).flat_map(|bit| (0..height).map(move |line| (bit, line))) {
+                let flipped = 1 << bit;
+                for (frame_bit, line_bit, dropped) in
+                    [(flipped, 0, 0), (0, flipped, 0), (0, 0, flipped)]
+                {
+                    let mut sync = FrameSync::new(height);
+                    let mut sum = Changes::default();
+                    for pair in 0..5 * height {
+                        let frame = first.wrapping_add(pair / height);
+                        let is_wrong = pair == 2 * height + line;
+                        let wrong = |bit: u32| if is_wrong { bit } else { 0 };
+                        let (frame, number) =
+                            (frame ^ wrong(frame_bit), (pair % height) ^ wrong(line_bit));
+                        sum = sum.and(sync.pair(frame, number, wrong(dropped)).1);
+                        sum = sum.and(sync.begun()).and(sync.ended());
+                    }
+                    let what = format!("{first} {bit} {line} {frame_bit} {line_bit}");
+                    assert_eq!(sum.lines + sum.lines_dropped, 5 * height, "{what}");
+                    if dropped > 0 {
+                        assert_eq!((sum.frames, sum.frames_dropped), (5, 0), "{what}");
+                        continue;
+                    }
+                    // A last line with the number of the next frame takes that along.
+                    let takes_next = line == height - 1 && frame_bit == 1;
+                    let is_next = (first.wrapping_add(2)) & 1 == 0;
+                    let whole = 4 - u32::from(takes_next && is_next);
+                    assert_eq!(sum.frames, whole, "{what}");
+                    // A number that is near counts what lies between, a far one two more.
+                    let missed = if frame_bit <= MISSED_FRAMES_MAX {
+                        frame_bit
+                    } else {
+                        0
+                    };
+                    assert!(
+                        (1..=3 + missed).contains(&sum.frames_dropped),
+                        "{what}: {sum:?}"
+                    );
+                    assert!((1..=3).contains(&sum.sequence_breaks), "{what}: {sum:?}");
+                }
             }
         }
     }
@@ -665,9 +796,10 @@ mod tests {
     fn a_begin_without_an_answer_has_failed() {
         let mut sync = FrameSync::new(2);
         assert_eq!(sync.pair(5, 0, 0), (Action::Begin, Changes::default()));
+        // Line 0 of frame 5, and line 1, for which alone there is room.
         let changes = Changes {
             frames_dropped: 1,
-            lines_dropped: u32::MAX,
+            lines_dropped: 2,
             ..Changes::default()
         };
         assert_eq!(sync.pair(6, 0, u32::MAX), (Action::Begin, changes));
@@ -710,7 +842,7 @@ mod tests {
             };
             let mut sync = FrameSync::new(number());
             let (mut begun, mut done, mut aborted) = (0, 0, 0);
-            let (mut delivered, mut counted) = (0, 0);
+            let (mut delivered, mut counted, mut lost) = (0, 0, 0);
             for _ in 0..500 {
                 let before = sync.clone();
                 let changes = match number() % 6 {
@@ -724,7 +856,8 @@ mod tests {
                     _ => {
                         // Two more would be counted for one begin and one pair.
                         let dropped = number().min(u32::MAX - 2);
-                        delivered += u64::from(dropped) + 1;
+                        lost += u64::from(dropped);
+                        delivered += 1;
                         let (frame, line) = match before.state {
                             State::Reading { frame, next_line } if number() < 4 => {
                                 (frame, next_line)
@@ -748,7 +881,8 @@ mod tests {
                 let open = u32::from(matches!(sync.state, State::Reading { .. }));
                 assert_eq!(begun, done + aborted + open);
                 let waiting = u64::from(matches!(sync.state, State::Beginning { .. }));
-                assert_eq!(counted + waiting, delivered);
+                let counted = counted + waiting;
+                assert!((delivered..=delivered + lost).contains(&counted));
             }
         }
     }

@@ -1,11 +1,11 @@
 //! Implementation of the camera trait over the camera port and the trigger of the sensors.
 
 use embassy_stm32::gpio::Output;
-use embassy_time::{Duration, Instant};
+use embassy_time::Duration;
 use vgstereo_firmware::camera::{ErrorKind, ErrorType, Geometry, LinePair, LinePairSource};
 
 use crate::capture::{Capture, RAW_WORDS};
-use crate::{FRAME_US, GEOMETRY, LAYOUT};
+use crate::{FRAME_US, GEOMETRY, LAYOUT, clock};
 
 /// Two sensors that start a frame at the same edge of their trigger, when line 0 is asked for. The
 /// lines are not rectified. A pair that is not read before the next line ends is lost, together
@@ -75,8 +75,8 @@ impl StereoCamera {
 /// Waits until `has_happened` returns true, for at most the time of a frame. Returns whether it
 /// did.
 fn wait_for(mut has_happened: impl FnMut() -> bool) -> bool {
-    let begun = Instant::now();
-    while begun.elapsed() < Duration::from_micros(FRAME_US.into()) {
+    let begun = clock::now();
+    while clock::since(begun) < Duration::from_micros(FRAME_US.into()) {
         if has_happened() {
             return true;
         }
@@ -114,7 +114,7 @@ impl LinePairSource for StereoCamera {
         Ok(LinePair {
             frame: self.frames.wrapping_sub(1),
             line,
-            timestamp_us: Instant::now().as_micros(),
+            timestamp_us: clock::now().as_micros(),
             dropped: self.dropped.replace(0).unwrap_or(0),
         })
     }

@@ -5,6 +5,7 @@
 
 mod camera;
 mod capture;
+mod clock;
 mod memory;
 mod sensors;
 
@@ -16,7 +17,6 @@ use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, BufferedUart};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, dcmi, dma, gpio, i2c, rcc};
-use embassy_time::Instant;
 use panic_probe as _;
 use static_cell::ConstStaticCell;
 use vgstereo_core::{Config, DisparityRange, Matcher, Preset};
@@ -143,11 +143,11 @@ fn main() -> ! {
     let watchdog = Iwdg(watchdog);
     let session = Session::with_watchdog(camera, matcher, sink, LINES.take(), watchdog);
     let mut session = defmt::unwrap!(session);
-    let mut begun = Instant::now();
+    let mut begun = clock::now();
     loop {
         match session.step() {
             Ok(Event::FrameDone { frame }) => {
-                let took = core::mem::replace(&mut begun, Instant::now()).elapsed();
+                let took = clock::since(core::mem::replace(&mut begun, clock::now()));
                 let statistics = session.statistics();
                 defmt::info!("frame {} in {}: {}", frame, took, statistics);
             }
