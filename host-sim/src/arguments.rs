@@ -59,6 +59,21 @@ impl Overrides {
     }
 }
 
+/// Returns a name for parameters that started from `preset`: that of the preset that they are,
+/// whatever their seed, or else that of `preset`, marked as changed.
+#[must_use]
+pub fn name_of(parameters: &Parameters, preset: Preset) -> String {
+    let is_same = |other: &Preset| {
+        let other = other.parameters();
+        parameters.with_seed(other.seed) == other
+    };
+    let from_preset = std::iter::once(preset).chain(Preset::ALL);
+    match from_preset.into_iter().find(is_same) {
+        Some(same) => same.name().to_owned(),
+        None => format!("{preset}, changed"),
+    }
+}
+
 /// Returns the preset that has this name.
 ///
 /// # Errors
@@ -76,5 +91,22 @@ pub fn output_of(sparse: bool) -> Output {
         Output::Sparse
     } else {
         Output::Dense
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parameters_are_named_for_what_they_are() {
+        let micro = Preset::Micro.parameters();
+        for preset in Preset::ALL {
+            assert_eq!(name_of(&preset.parameters(), preset), preset.name());
+            // A file of another preset's parameters replaces all of them.
+            assert_eq!(name_of(&micro.with_seed(77), preset), "micro");
+        }
+        let changed = micro.with_sigma(2.0);
+        assert_eq!(name_of(&changed, Preset::Micro), "micro, changed");
     }
 }

@@ -2,12 +2,15 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use toml::{Table, Value};
 use vgstereo_core::{Method, Parameters};
 
 /// The value that leaves out an optional stage, in a file and on the command line.
 const NONE: &str = "none";
+
+/// Largest number of names in the key of a setting; parameters have three at most.
+const NAMES_MAX: usize = 8;
 
 /// Returns parameters as a TOML document, which [`with_file`] can read.
 ///
@@ -54,13 +57,14 @@ pub fn with_setting(parameters: &Parameters, setting: &str) -> Result<Parameters
         .with_context(|| format!("--set {setting}: it must be KEY=VALUE"))?;
     let value: Value = match value.trim() {
         NONE => Value::String(NONE.to_owned()),
-        value => {
-            let document: Table = format!("value = {value}")
-                .parse()
-                .map_err(|_| anyhow!("--set {setting}: the value is not a TOML value"))?;
-            document.get("value").cloned().context("a value was set")?
-        }
+        value => value
+            .parse()
+            .map_err(|_| anyhow!("--set {setting}: the value is not a TOML value"))?,
     };
+    ensure!(
+        key.split('.').nth(NAMES_MAX).is_none(),
+        "--set: a key has at most {NAMES_MAX} names"
+    );
     let mut names = key.trim().split('.').rev();
     let last = names.next().unwrap_or_default();
     let mut changes = Table::from_iter([(last.to_owned(), value)]);
@@ -154,6 +158,11 @@ mod tests {
             ("synapse=64", "synapse"),
             ("method.p3=1", "p3"),
             ("method.p1=none", "p1"),
+            // What follows the value is no part of it.
+            ("method.p1=3\nsynapses=17", "not a TOML value"),
+            ("method.p1=3\n[method]\np2=9", "not a TOML value"),
+            ("method.p1=", "not a TOML value"),
+            (&("a.".repeat(60_000) + "a=1"), "at most 8 names"),
         ] {
             let error = format!("{:#}", set(setting).unwrap_err());
             assert!(error.contains(word), "{setting}: {error}");

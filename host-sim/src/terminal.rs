@@ -1,18 +1,34 @@
 //! How a command meets its terminal: results on standard output, errors as one line on
 //! standard error, and progress while it works.
 
+use std::borrow::Cow;
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
+
+/// What a command has to say when it is done.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Said {
+    /// Text for standard output.
+    Output(String),
+    /// Text for standard error, as standard output has got a file.
+    Aside(String),
+}
+
+impl From<String> for Said {
+    fn from(text: String) -> Self {
+        Self::Output(text)
+    }
+}
 
 /// Parses the arguments, runs `command` with them and prints the text that it returns.
 ///
 /// Returns code 0 on success. On a failure it prints one line on standard error and returns
-/// code 2.
-pub fn run<C: Parser>(command: impl FnOnce(C) -> Result<String>) -> ExitCode {
+/// code 2. Control characters, which file names may have, are printed as escapes.
+pub fn run<C: Parser, S: Into<Said>>(command: impl FnOnce(C) -> Result<S>) -> ExitCode {
     let command_line = match C::try_parse() {
         Ok(command_line) => command_line,
         // The user asked for the help or the version.
@@ -24,23 +40,65 @@ pub fn run<C: Parser>(command: impl FnOnce(C) -> Result<String>) -> ExitCode {
             return fail(wrong.trim_start_matches("error: "));
         }
     };
-    match command(command_line) {
-        Ok(text) => match std::io::stdout().write_all(text.as_bytes()) {
-            // The reader of a pipe has closed it because it has seen enough.
-            Err(error) if error.kind() == ErrorKind::BrokenPipe => ExitCode::SUCCESS,
-            Err(error) => fail(&format!("cannot write to standard output: {error}")),
-            Ok(()) => ExitCode::SUCCESS,
-        },
+    let written = match command(command_line).map(Into::into) {
+        Ok(Said::Output(text)) => write_output(printable(&text).as_bytes()),
+        Ok(Said::Aside(text)) => {
+            let written = std::io::stderr().write_all(printable(&text).as_bytes());
+            written.context("cannot write to standard error")
+        }
+        Err(error) => Err(error),
+    };
+    match written {
+        // The reader of a pipe has closed it because it has seen enough.
+        Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => fail(&format!("{error:#}")),
+        Ok(()) => ExitCode::SUCCESS,
     }
+}
+
+/// Writes bytes to standard output.
+///
+/// # Errors
+/// Fails with one line that gives the reason.
+pub fn write_output(bytes: &[u8]) -> Result<()> {
+    let written = std::io::stdout().write_all(bytes);
+    written.context("cannot write to standard output")
+}
+
+fn is_closed_pipe(error: &anyhow::Error) -> bool {
+    let cause = error.root_cause().downcast_ref::<std::io::Error>();
+    cause.is_some_and(|error| error.kind() == ErrorKind::BrokenPipe)
 }
 
 /// Prints an error message as one line on standard error and returns code 2.
 fn fail(message: &str) -> ExitCode {
-    let line: Vec<&str> = message.split_whitespace().collect();
+    let lines: Vec<&str> = message.lines().map(str::trim).collect();
+    let line = printable(&lines.join(" ")).into_owned();
     // When standard error is closed as well, the message cannot be shown anywhere.
-    let _ = writeln!(std::io::stderr(), "error: {}", line.join(" "));
+    let _ = writeln!(std::io::stderr(), "error: {line}");
     ExitCode::from(2)
+}
+
+/// Returns a text whose control characters, and those that change the direction of writing, are
+/// escaped as `\\u001b`: none of them reaches a terminal. Line breaks stay.
+fn printable(text: &str) -> Cow<'_, str> {
+    let is_hidden = |c: char| {
+        (c.is_control() && c != '\n')
+            || matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+    };
+    if !text.contains(is_hidden) {
+        return Cow::Borrowed(text);
+    }
+    let mut escaped = String::with_capacity(text.len());
+    for c in text.chars() {
+        if is_hidden(c) {
+            // Control characters are below 2^16, so that JSON reads the escapes too.
+            escaped += &format!("\\u{:04x}", u32::from(c));
+        } else {
+            escaped.push(c);
+        }
+    }
+    Cow::Owned(escaped)
 }
 
 /// Returns a progress bar of `steps` steps, labelled `what`. It is drawn on standard error,
@@ -52,4 +110,21 @@ pub fn progress_bar(steps: u64, what: &str) -> ProgressBar {
     ProgressBar::new(steps)
         .with_style(style)
         .with_message(what.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn control_characters_are_escaped_and_spaces_stay() {
+        assert_eq!(printable("a  b\nc é 日"), "a  b\nc é 日");
+        assert_eq!(
+            printable("\u{1b}]0;t\u{7}\u{9b}\r\t\u{202e}\u{7f}"),
+            "\\u001b]0;t\\u0007\\u009b\\u000d\\u0009\\u202e\\u007f"
+        );
+        // What JSON escapes it reads back.
+        let name: String = serde_json::from_str(&format!("\"{}\"", printable("\u{9b}"))).unwrap();
+        assert_eq!(name, "\u{9b}");
+    }
 }

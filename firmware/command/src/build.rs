@@ -23,6 +23,9 @@ fn root() -> &'static Path {
 pub fn build(board: &Board) -> Result<PathBuf> {
     let mut command = Command::new(cargo());
     command.arg("build");
+    if !std::io::stderr().is_terminal() {
+        eprintln!("compiling the firmware of {}", board.name);
+    }
     configure(&mut command, board, &toolchain(board)?);
     command.current_dir(board_folder(board));
     let status = command.status().context("cannot run cargo")?;

@@ -1,7 +1,7 @@
 //! `vgstereo match`: matches a rectified pair of images and writes the disparity map.
 
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
@@ -9,13 +9,14 @@ use image::ImageFormat;
 use vgstereo_core::{Config, DisparityRange, Preset, Reference};
 use vgstereo_kernels::NativeKernels;
 
-use crate::arguments::{Overrides, output_of, parse_preset};
+use crate::arguments::{Overrides, name_of, output_of, parse_preset};
 use crate::disparity_files::DisparityFormat;
 use crate::files::{encode, read_image, write_files};
 use crate::frame::match_frame;
 use crate::pair_check::hints;
 use crate::pictures::colour_disparities;
 use crate::tables::{kib, milliseconds};
+use crate::terminal::{Said, write_output};
 use crate::views::Views;
 
 /// The largest disparity that is searched when `--d-max` is not given, px.
@@ -25,15 +26,15 @@ const DEFAULT_D_MAX: u16 = 63;
 #[derive(Debug, Args)]
 #[command(
     after_help = "Left column x matches right column x - d. The map is of the reference view.\n\n\
-    Example: vgstereo match left.png right.png --out disparity.png --d-max 59 --color colour.png"
+    Example: vgstereo match left.png right.png --out disparity.png --d-max 59 --colour colour.png"
 )]
 pub struct Match {
     /// Left image: PNG, PPM, PGM or JPEG, colour or grey, rectified.
     left: PathBuf,
     /// Right image, of the same size.
     right: PathBuf,
-    /// Disparity map to write: .png or .pgm (value = disparity x scale, 0 = none), or .pfm
-    /// (px, infinity = none).
+    /// Disparity map to write: .png or .pgm (value = disparity x scale, 0 = none), .pfm (px,
+    /// infinity = none), or - for a PFM on standard output.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// Largest disparity to search, px, smaller than the width [default: 63, or what the
@@ -54,13 +55,14 @@ pub struct Match {
     /// The view that gets the disparities.
     #[arg(long, value_enum, default_value_t = View::Left)]
     reference: View,
-    /// Steps per px in a .png or .pgm: 8 bits where the range fits them, else 16; 256 makes
-    /// 16 bits as KITTI has [default: the largest whole one for 8 bits].
+    /// Steps per px in a .png or .pgm, which states them too. Below 256, values have 8 bits where the
+    /// range fits them, else 16 [default: 256 in 16 bits, as KITTI has, or the largest power of two
+    /// that fits].
     #[arg(long, value_name = "S")]
     scale: Option<f32>,
     /// Also write the map in colours, as PNG.
-    #[arg(long, value_name = "FILE")]
-    color: Option<PathBuf>,
+    #[arg(long, alias = "color", value_name = "FILE")]
+    colour: Option<PathBuf>,
     /// Match the grey of colour images.
     #[arg(long)]
     grey: bool,
@@ -86,20 +88,20 @@ enum View {
 }
 
 impl Match {
-    /// Matches the pair, writes the disparity map and returns the text to print.
+    /// Matches the pair, writes the disparity map and returns what to print.
     ///
     /// # Errors
     /// Fails with one line that names the file or option and the reason. Nothing is written
     /// then.
-    pub fn run(self) -> Result<String> {
-        if let Some(path) = &self.color {
+    pub fn run(self) -> Result<Said> {
+        if let Some(path) = &self.colour {
             let png = path
                 .extension()
                 .is_some_and(|e| e.eq_ignore_ascii_case("png"));
             ensure!(png, "{}: the name must end in .png", path.display());
             ensure!(
                 *path != self.out,
-                "--out and --color are both {}",
+                "--out and --colour are both {}",
                 path.display()
             );
         }
@@ -120,6 +122,7 @@ impl Match {
         let width = views.width;
         let disparities = self.disparities(width)?;
         let format = DisparityFormat::choose(&self.out, self.scale, disparities)?;
+        let parameters = self.overrides.apply(self.preset)?;
         let config = Config {
             reference: match self.reference {
                 View::Left => Reference::Left,
@@ -127,19 +130,27 @@ impl Match {
             },
             colour: views.has_colour(),
             output: output_of(self.sparse),
-            ..Config::new(self.overrides.apply(self.preset)?, width, disparities)
+            ..Config::new(parameters, width, disparities)
         };
         let matched = match_frame(&config, &views, NativeKernels::fastest(), self.threads)?;
         let map = &matched.disparities_q4;
-        let mut files = vec![(self.out.as_path(), format.encode(map, width.into())?)];
-        if let Some(path) = &self.color {
+        let encoded = format.encode(map, width.into())?;
+        let to_stdout = self.out == Path::new("-");
+        let mut files = Vec::new();
+        if let Some(path) = self.colour.as_deref() {
             let picture = colour_disparities(map, width.into(), disparities);
             files.push((path, encode(&picture.into(), ImageFormat::Png)?));
         }
-        write_files(&files)?;
+        if to_stdout {
+            write_files(&files)?;
+            write_output(&encoded)?;
+        } else {
+            files.insert(0, (self.out.as_path(), encoded));
+            write_files(&files)?;
+        }
         let mut text = format!(
             "{}: {}x{} px, disparities {} to {}, {} ms, {} KiB of working memory, {} lines of latency\n",
-            self.preset,
+            name_of(&parameters, self.preset),
             left.width(),
             left.height(),
             disparities.range_px().start,
@@ -161,10 +172,15 @@ impl Match {
                 writeln!(text, "hint: {hint}")?;
             }
         }
-        for (path, _) in &files {
+        writeln!(text, "wrote {}: {}", self.out.display(), format.meaning())?;
+        if let Some(path) = &self.colour {
             writeln!(text, "wrote {}", path.display())?;
         }
-        Ok(text)
+        Ok(if to_stdout {
+            Said::Aside(text)
+        } else {
+            Said::Output(text)
+        })
     }
 
     /// Returns the disparities to search in lines of `width` px.

@@ -1,7 +1,10 @@
 //! The commands of `vgstereo`. Each has its arguments, and a `run` that returns what to print.
 
 use anyhow::Result;
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
+use clap_complete::Shell;
+
+use crate::terminal::Said;
 
 pub mod ablate;
 pub mod demo;
@@ -27,6 +30,8 @@ pub struct CommandLine {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// The demo, as without a command: match the built-in scene with every preset.
+    Demo(demo::Demo),
     /// Match a rectified pair of images and write its disparity map.
     Match(matching::Match),
     /// Measure presets on scenes with ground truth: percentages of bad pixels.
@@ -39,23 +44,48 @@ enum Command {
     Exposure(exposure::ExposureWedge),
     /// Show each preset's parameters, working memory and latency.
     Presets(presets_table::Presets),
+    /// Print completions for a shell, to be sourced or put where it looks for them.
+    Completions {
+        /// The shell.
+        shell: Shell,
+    },
+    /// Print the manual page, for `man -l -`.
+    Man,
 }
 
 impl CommandLine {
-    /// Runs the command and returns the text to print.
+    /// Runs the command and returns what to print.
     ///
     /// # Errors
     /// Fails with one line that says what is wrong with the input, or which file could not be
     /// written.
-    pub fn run(self) -> Result<String> {
-        match self.command {
-            None => self.demo.run(),
-            Some(Command::Match(matching)) => matching.run(),
-            Some(Command::Eval(eval)) => eval.run(),
-            Some(Command::Sweep(sweep)) => sweep.run(),
-            Some(Command::Ablate(ablate)) => ablate.run(),
-            Some(Command::Exposure(wedge)) => wedge.run(),
-            Some(Command::Presets(presets)) => presets.run(),
-        }
+    pub fn run(self) -> Result<Said> {
+        let text = match self.command.unwrap_or(Command::Demo(self.demo)) {
+            Command::Demo(demo) => demo.run()?,
+            Command::Match(matching) => return matching.run(),
+            Command::Eval(eval) => eval.run()?,
+            Command::Sweep(sweep) => sweep.run()?,
+            Command::Ablate(ablate) => ablate.run()?,
+            Command::Exposure(wedge) => wedge.run()?,
+            Command::Presets(presets) => presets.run()?,
+            Command::Completions { shell } => {
+                let mut script = Vec::new();
+                let mut command = Self::command();
+                clap_complete::generate(shell, &mut command, "vgstereo", &mut script);
+                String::from_utf8(script)?
+            }
+            Command::Man => {
+                let mut command = Self::command();
+                // Names the commands below as they are called.
+                command.build();
+                let mut pages = Vec::new();
+                let below = command.get_subcommands().filter(|c| c.get_name() != "help");
+                for command in std::iter::once(&command).chain(below) {
+                    clap_mangen::Man::new(command.clone()).render(&mut pages)?;
+                }
+                String::from_utf8(pages)?
+            }
+        };
+        Ok(text.into())
     }
 }

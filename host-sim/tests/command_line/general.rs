@@ -141,3 +141,69 @@ fn a_reader_that_leaves_is_no_error() {
     assert_eq!(String::from_utf8(output.stderr).unwrap(), "");
     assert!(output.status.success());
 }
+
+#[test]
+fn the_demo_has_a_name_and_shells_and_man_are_served() {
+    let fixture = Fixture::new();
+    let small = ["--width", "64", "--height", "48", "--d-max", "8"];
+    let named = fixture.run(&[&["demo"][..], &small].concat());
+    assert_eq!(named.code, Some(0), "{}", named.stderr);
+    assert!(fixture.path("out/error.png").is_file());
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let script = fixture.run(&["completions", shell]);
+        assert_eq!(script.code, Some(0), "{}", script.stderr);
+        for word in ["match", "min-disparity", "exposure"] {
+            assert!(script.stdout.contains(word), "{shell} completes {word}");
+        }
+    }
+    let page = fixture.run(&["man"]).stdout;
+    assert!(page.contains(".TH vgstereo 1"));
+    assert!(page.contains("vgstereo match") && page.contains("min\\-disparity"));
+}
+
+#[test]
+fn names_reach_the_terminal_escaped_and_whole() {
+    let fixture = Fixture::new();
+    let refused = |left: &str| {
+        let outcome = fixture.run(&["match", left, "right.png", "--out", "o.png"]);
+        assert_eq!(outcome.code, Some(2));
+        assert!(
+            !outcome.stderr.trim_end().contains(|c: char| c.is_control()),
+            "{left:?}"
+        );
+        outcome.stderr
+    };
+    assert!(refused("a  b   c.png").contains("a  b   c.png"));
+    assert!(refused("no\u{1b}]0;title\u{7}.png").contains("no\\u001b]0;title\\u0007.png"));
+    assert!(refused("right\u{202e}gnp.png").contains("right\\u202egnp.png"));
+    if cfg!(unix) {
+        let name = "map\u{1b}[2J.pfm";
+        let wrote = fixture.run(&["match", "left.png", "right.png", "--out", name]);
+        assert_eq!(wrote.code, Some(0), "{}", wrote.stderr);
+        assert!(
+            wrote.stdout.contains("wrote map\\u001b[2J.pfm"),
+            "{}",
+            wrote.stdout
+        );
+        assert!(fixture.path(name).is_file());
+    }
+}
+
+#[test]
+fn a_setting_is_one_value_and_its_key_short() {
+    let fixture = Fixture::new();
+    let refuses = |setting: &str, word: &str| {
+        let arguments = [
+            "match",
+            "left.png",
+            "right.png",
+            "--out",
+            "o.png",
+            "--set",
+            setting,
+        ];
+        fixture.refuses(&arguments, &[word]);
+    };
+    refuses(&("a.".repeat(60_000) + "a=1"), "at most 8 names");
+    refuses("method.p1=3\nsynapses=16", "not a TOML value");
+}

@@ -2,6 +2,7 @@
 
 use std::fs;
 
+use assert_cmd::Command;
 use image::{DynamicImage, GrayImage, Luma, RgbImage};
 use vgstereo_sim::render::{RenderOptions, render};
 
@@ -29,7 +30,7 @@ fn match_writes_every_format_and_the_colours() {
         "20",
         "--scale",
         "256",
-        "--color",
+        "--colour",
         "colour.png",
     ]);
     assert_eq!((outcome.code, outcome.stderr.as_str()), (Some(0), ""));
@@ -106,8 +107,7 @@ fn match_reads_every_format_and_gives_the_same_map() {
         ]);
         assert_eq!(outcome.code, Some(0), "{name}: {}", outcome.stderr);
         let map = image::open(fixture.path("a.png")).unwrap();
-        // The largest whole scale that keeps 20 px in 8 bits is 12.
-        assert!(fraction(&map, SHIFT as u16 * 12 * 257) > 0.9, "{name}");
+        assert!(fraction(&map, SHIFT as u16 * 256) > 0.9, "{name}");
     }
 }
 
@@ -280,20 +280,20 @@ fn match_refuses_bad_input() {
     run(
         "left.png",
         "right.png",
-        &["--color", "no/folder/c.png"],
+        &["--colour", "no/folder/c.png"],
         &["no/folder/c.png"],
     );
     run(
         "left.png",
         "right.png",
-        &["--color", "colour.jpg"],
+        &["--colour", "colour.jpg"],
         &["colour.jpg", ".png"],
     );
     run(
         "left.png",
         "right.png",
-        &["--color", "out.png"],
-        &["--out", "--color", "out.png"],
+        &["--colour", "out.png"],
+        &["--out", "--colour", "out.png"],
     );
 }
 
@@ -331,4 +331,66 @@ fn match_says_how_much_it_found_and_what_may_be_wrong() {
         twice.contains("hint: both views are the same image"),
         "{twice}"
     );
+}
+
+#[test]
+fn match_names_the_parameters_that_it_used() {
+    let fixture = Fixture::new();
+    let toml = fixture.run(&["presets", "--toml", "micro"]).stdout;
+    fs::write(fixture.path("mine.toml"), &toml).unwrap();
+    let name = |more: &[&str]| {
+        let pair = [
+            "match",
+            "left.png",
+            "right.png",
+            "--out",
+            "d.pfm",
+            "--d-max",
+            "12",
+        ];
+        let outcome = fixture.run(&[&pair, more].concat());
+        assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+        outcome.stdout.split(": ").next().unwrap().to_owned()
+    };
+    assert_eq!(name(&[]), "balanced");
+    assert_eq!(name(&["--config", "mine.toml"]), "micro");
+    assert_eq!(name(&["--preset", "lite", "--seed", "3"]), "lite");
+    assert_eq!(name(&["--preset", "lite", "--sigma", "3"]), "lite, changed");
+}
+
+#[test]
+fn a_map_states_its_scale_and_goes_to_standard_output() {
+    let fixture = Fixture::new();
+    let run = |out: &str| {
+        let mut command = Command::cargo_bin("vgstereo").unwrap();
+        command.current_dir(fixture.folder.path());
+        command.args([
+            "match",
+            "left.png",
+            "right.png",
+            "--d-max",
+            "12",
+            "--out",
+            out,
+        ]);
+        let output = command.output().unwrap();
+        assert!(output.status.success());
+        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+        (text(&output.stderr), output.stdout)
+    };
+    let (_, told) = run("d.png");
+    let told = String::from_utf8(told).unwrap();
+    assert!(
+        told.contains("wrote d.png: px = value / 256, 0 = none"),
+        "{told}"
+    );
+    let map = image::open(fixture.path("d.png")).unwrap();
+    assert!(fraction(&map, SHIFT as u16 * 256) > 0.99);
+    // The same map as in a file, and what there is to say besides it.
+    run("d.pfm");
+    let before = fixture.files();
+    let (told, piped) = run("-");
+    assert_eq!(piped, fs::read(fixture.path("d.pfm")).unwrap());
+    assert!(told.contains("balanced: 80x40 px"), "{told}");
+    assert_eq!(fixture.files(), before);
 }

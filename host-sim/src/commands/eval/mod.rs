@@ -7,7 +7,7 @@ use clap::Args;
 use serde::Serialize;
 use vgstereo_core::Preset;
 
-use crate::arguments::{Overrides, output_of, parse_preset};
+use crate::arguments::{Overrides, name_of, output_of, parse_preset};
 use crate::dataset::{ensure_distinct, find_scenes, load_scene};
 use crate::files::{make_folder, write_png};
 use crate::frame::Matched;
@@ -142,10 +142,16 @@ impl Eval {
             }
         }
         bar.finish_and_clear();
-        let mut reports = runs
+        let names = presets.iter().map(|&preset| {
+            let parameters = self.overrides.apply(preset)?;
+            Ok(name_of(&parameters, preset))
+        });
+        let names: Vec<String> = names.collect::<Result<_>>()?;
+        let mut reports = names
             .iter()
+            .cycle()
             .zip(reports)
-            .map(|((_, preset), scenes)| PresetReport::new(preset.name(), scenes));
+            .map(|(name, scenes)| PresetReport::new(name, scenes));
         let by_seed = seeds
             .iter()
             .map(|_| reports.by_ref().take(presets.len()).collect());
