@@ -45,9 +45,19 @@ const CONFIG: Config = Config::new(
     GEOMETRY.width,
     DisparityRange::up_to(47),
 );
-/// Period of a line: the time that the matcher has for one line, to which the sensors are slowed
-/// down.
-const LINE_US: u32 = 8_000;
+/// Baud rate of the serial port. At 2 Mbaud a line of disparities takes 3.3 ms, at 8 Mbaud 0.8 ms.
+const BAUD: u32 = if cfg!(feature = "serial-8-mbaud") {
+    8_000_000
+} else {
+    2_000_000
+};
+/// Period of a line, to which the sensors are slowed down: the time that the serial port and the
+/// matcher, side by side, have for one line.
+const LINE_US: u32 = if cfg!(feature = "serial-8-mbaud") {
+    2_500
+} else {
+    3_750
+};
 /// Longest wait for the camera: a frame with its gap and its exposure, and a quarter more.
 const FRAME_US: u32 = 325 * LINE_US;
 /// Time-out of the watchdog. A fault may take as long: the wait for a missing line, for the end of
@@ -56,8 +66,6 @@ const WATCHDOG_US: u32 = 3 * FRAME_US;
 /// Longest wait for a step on a sensor's bus. The ten attempts of a set-up take less than the
 /// watchdog waits.
 const BUS_TIMEOUT: Duration = Duration::from_millis(10);
-/// Baud rate of the serial port; at it, a line of disparities takes 3.3 ms.
-const BAUD: u32 = 2_000_000;
 
 bind_interrupts!(struct Interrupts {
     DCMI => capture::LineEnd, dcmi::InterruptHandler<DCMI>;

@@ -16,10 +16,12 @@ use crate::LINE_US;
 const PIXEL_CLOCKS_PER_MS: u32 = 4000;
 /// Lines per frame, including the gap.
 const FRAME_LINES: u16 = 260;
-/// Exposure of both sensors: with lines as long as here, 4 of them suit rooms. It is fixed, because
-/// automatic exposures of the two sensors would drift apart.
+/// Time of exposure, which suits rooms.
+const EXPOSURE_US: u32 = 30_000;
+/// Exposure of both sensors. It is fixed, because automatic exposures of the two sensors would
+/// drift apart.
 const EXPOSURE: Exposure = Exposure {
-    integration_lines: 4,
+    integration_lines: (EXPOSURE_US / LINE_US) as u16,
     analog_gain: 0,
     digital_gain: 0x100,
 };
