@@ -1,8 +1,9 @@
 //! Tests on the emulated boards: results equal to the host's, exact counters under faults,
-//! repeatable instruction counts.
+//! repeatable instruction counts. And tests of the real board, whose firmware runs as it is flashed
+//! on a model of its chip.
 //!
-//! A board is tested if its compiler and emulator are installed (`cargo firmware setup`); otherwise
-//! its tests are listed as ignored.
+//! A board is tested if its compiler and emulator are installed (`cargo firmware setup`), and the
+//! real board if its model can be built; otherwise its tests are listed as ignored.
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use rand_core::{Rng, SeedableRng};
@@ -11,10 +12,12 @@ use vgstereo_boards::board::{Board, MPS2_AN500, STM32F405};
 use vgstereo_boards::build::build;
 use vgstereo_boards::elf::Sizes;
 use vgstereo_boards::emulator::{self, Clock};
+use vgstereo_boards::model::{Ran, Scenario};
 use vgstereo_boards::pair::Pair;
-use vgstereo_boards::{host, panics, stack, toolchain};
+use vgstereo_boards::toolchain::ModelCompiler;
+use vgstereo_boards::{host, model, panics, stack, toolchain};
 use vgstereo_core::Preset;
-use vgstereo_firmware::camera::PixelFormat;
+use vgstereo_firmware::camera::{ErrorKind, PixelFormat};
 use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
 
 /// Limits of RAM: board, preset, columns, number of disparities, and KiB that statics, working
@@ -41,8 +44,24 @@ const TESTS: [(&str, BoardTest); 8] = [
     ("memory", within_the_memory_promised),
 ];
 
+/// Tests of each modelled board, ignored if its model cannot be built.
+const MODEL_TESTS: [(&str, BoardTest); 3] = [
+    ("frame", one_frame_as_on_the_host),
+    ("wires", recovers_from_faults_at_the_wires),
+    ("sensors", waits_for_sensors_and_sets_them_up_again),
+];
+
 fn main() {
     let mut trials = Vec::new();
+    for board in Board::modelled() {
+        let unbuilt = toolchain::ensure_complete(&[board]).is_err();
+        let absent = unbuilt || ModelCompiler::find().is_none();
+        for (name, test) in MODEL_TESTS {
+            let name = format!("{}::{name}", board.name);
+            let trial = Trial::test(name, move || test(&board));
+            trials.push(trial.with_ignored_flag(absent));
+        }
+    }
     for board in Board::emulated() {
         let absent = toolchain::ensure_complete(&[board]).is_err();
         for (name, test) in TESTS {
@@ -209,6 +228,115 @@ fn within_the_memory_promised(board: &Board) -> Result<(), Failed> {
             assert!(u64::from(report.stack_bytes) <= deepest_bytes, "{preset}");
         }
     }
+    Ok(())
+}
+
+/// Runs a modelled board, and asserts that each frame that it calls done equals the host's, that
+/// its chip was not reset and refused nothing, and that its watchdog stays far from its end.
+fn run_modelled(board: &Board, scenario: &Scenario) -> Result<Ran, Failed> {
+    let built_for = board.model.ok_or("the board has a model")?;
+    let program = model::build(board).map_err(text)?;
+    let firmware = build(board).map_err(text)?;
+    let pair = model::built_in_pair(&built_for);
+    let ran = model::run(&program, &firmware, &pair, scenario).map_err(text)?;
+    println!("{:#?}\n{:#?}", ran.report, ran.log);
+    let expected = model::expected(&built_for, &pair).map_err(text)?;
+    for frame in ran.frames.iter().filter(|frame| frame.is_whole) {
+        assert!(
+            frame.disparities == expected.disparities,
+            "{}",
+            frame.number
+        );
+    }
+    let none: [&str; 0] = [];
+    assert_eq!(ran.report.resets, none);
+    assert_eq!(ran.report.refused, none);
+    assert!(ran.report.longest_hunger_ms < 3000);
+    Ok(ran)
+}
+
+/// The numbers of the frames that the board has called done.
+fn whole_frames(ran: &Ran) -> Vec<u32> {
+    let whole = ran.frames.iter().filter(|frame| frame.is_whole);
+    whole.map(|frame| frame.number).collect()
+}
+
+/// How many lines of the log have this in them.
+fn logged(ran: &Ran, part: &str) -> usize {
+    ran.log.iter().filter(|line| line.contains(part)).count()
+}
+
+fn one_frame_as_on_the_host(board: &Board) -> Result<(), Failed> {
+    let scenario = Scenario {
+        frames: 1,
+        until_ms: 10_000,
+        ..Scenario::default()
+    };
+    let ran = run_modelled(board, &scenario)?;
+    assert_eq!(whole_frames(&ran), [0]);
+    assert_eq!(ran.report.armed, [1, 1]);
+    assert_eq!(logged(&ran, "warn"), 0);
+    // The watchdog is fed once for each line, and started.
+    assert!(ran.report.meals > 240);
+    Ok(())
+}
+
+fn recovers_from_faults_at_the_wires(board: &Board) -> Result<(), Failed> {
+    let kinds = [
+        (20, ErrorKind::ShortLine),
+        (30, ErrorKind::ShortFrame),
+        (10, ErrorKind::Overrun),
+        (15, ErrorKind::Timeout),
+    ];
+    let faults: Vec<_> = (0..)
+        .zip(kinds)
+        .map(|(frame, (line, kind))| ScriptedFault {
+            frame,
+            line,
+            kind: FaultKind::Error(kind),
+        })
+        .collect();
+    let scenario = Scenario {
+        frames: 5,
+        faults,
+        until_ms: 20_000,
+        ..Scenario::default()
+    };
+    let ran = run_modelled(board, &scenario)?;
+    assert_eq!(whole_frames(&ran), [4]);
+    for (line, kind) in kinds {
+        let warning = format!("Camera({kind:?})");
+        assert_eq!(logged(&ran, &warning), 1, "{warning} at line {line}");
+    }
+    let counters = "frames_dropped: 4";
+    assert_eq!(logged(&ran, counters), 1, "{counters}");
+    Ok(())
+}
+
+fn waits_for_sensors_and_sets_them_up_again(board: &Board) -> Result<(), Failed> {
+    let scenario = Scenario {
+        frames: 3,
+        absences: vec![
+            // Both are late, the right one more.
+            ("left", 0, 400),
+            ("right", 0, 1100),
+            // In the first frame the right sensor is unplugged for a moment, whose syncs the port
+            // does not take, and in the second one the left sensor for longer.
+            ("right", 1700, 1750),
+            ("left", 2900, 3500),
+        ],
+        until_ms: 20_000,
+        ..Scenario::default()
+    };
+    let ran = run_modelled(board, &scenario)?;
+    assert_eq!(whole_frames(&ran).len(), 1, "of three frames");
+    assert_eq!(ran.report.armed, [2, 2]);
+    for side in ["left", "right"] {
+        assert!(logged(&ran, &format!("no {side} sensor")) > 0);
+        assert_eq!(logged(&ran, &format!("the {side} sensor was lost")), 1);
+        assert_eq!(logged(&ran, &format!("the {side} sensor is set up")), 2);
+    }
+    assert!(logged(&ran, "Camera(Bus)") > 0);
     Ok(())
 }
 

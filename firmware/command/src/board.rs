@@ -3,6 +3,8 @@
 use core::fmt;
 use core::str::FromStr;
 
+use vgstereo_core::Preset;
+
 /// A board that the firmware is built for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Board {
@@ -16,6 +18,8 @@ pub struct Board {
     pub compiler_flags: &'static [&'static str],
     /// How it is emulated; `None` for a board that runs only as hardware.
     pub emulation: Option<Emulation>,
+    /// The model of its chip; `None` for a board that has none.
+    pub model: Option<Model>,
     /// Whether its memory is too small for the pairs of the benchmarks, so that it gets them
     /// in grey and half as large.
     pub is_small: bool,
@@ -33,6 +37,20 @@ pub struct Emulation {
     pub count_shift: u8,
 }
 
+/// The model of a real board's chip, which runs the firmware that is flashed, and what that is
+/// built for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Model {
+    /// The name of its package, and of the folder below `firmware/boards` that holds it.
+    pub folder: &'static str,
+    /// The preset of the firmware.
+    pub preset: Preset,
+    /// The width and the height of its frames, px.
+    pub size: (u32, u32),
+    /// The number of disparities that it searches, from 0 on.
+    pub disparities: u16,
+}
+
 const ARM_TARGET: &str = "thumbv7em-none-eabihf";
 const RISCV_TARGET: &str = "riscv32imac-unknown-none-elf";
 
@@ -47,6 +65,7 @@ pub const STM32F405: Board = Board {
         arguments: &["-machine", "netduinoplus2"],
         count_shift: 0,
     }),
+    model: None,
     is_small: true,
 };
 
@@ -61,6 +80,7 @@ pub const MPS2_AN500: Board = Board {
         arguments: &["-machine", "mps2-an500"],
         count_shift: 6,
     }),
+    model: None,
     is_small: false,
 };
 
@@ -82,6 +102,7 @@ pub const RISCV_VIRT: Board = Board {
         ],
         count_shift: 0,
     }),
+    model: None,
     is_small: false,
 };
 
@@ -97,13 +118,19 @@ pub const RISCV_VIRT_ZBB: Board = Board {
     ..RISCV_VIRT
 };
 
-/// NUCLEO-H743ZI2, a Cortex-M7 with a camera. It is not emulated.
+/// NUCLEO-H743ZI2, a Cortex-M7 with a camera. It is not emulated, but its chip is modelled.
 pub const STM32H743: Board = Board {
     name: "stm32h743",
     folder: "stm32h743",
     target: ARM_TARGET,
     compiler_flags: &[],
     emulation: None,
+    model: Some(Model {
+        folder: "stm32h743-model",
+        preset: Preset::Lite,
+        size: (320, 240),
+        disparities: 48,
+    }),
     is_small: false,
 };
 
@@ -115,6 +142,12 @@ impl Board {
     pub fn emulated() -> impl Iterator<Item = Self> {
         let all = Self::ALL.into_iter();
         all.filter(|board| board.emulation.is_some())
+    }
+
+    /// Returns all boards of whose chip there is a model.
+    pub fn modelled() -> impl Iterator<Item = Self> {
+        let all = Self::ALL.into_iter();
+        all.filter(|board| board.model.is_some())
     }
 
     /// Returns how the board is emulated.
@@ -138,7 +171,7 @@ impl fmt::Display for NotEmulated {
         let name = self.board;
         write!(
             f,
-            "{name} is a real board and not emulated; firmware/boards/{name}/README.md tells how to run it"
+            "{name} is a real board and not emulated in QEMU; cargo firmware run and verify take it"
         )
     }
 }

@@ -11,7 +11,7 @@ use crate::board::Board;
 use crate::toolchain::Toolchain;
 
 /// Returns the folder of the repository.
-fn root() -> &'static Path {
+pub(crate) fn root() -> &'static Path {
     let own = Path::new(env!("CARGO_MANIFEST_DIR"));
     own.ancestors().nth(2).unwrap_or(own)
 }

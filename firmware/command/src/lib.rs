@@ -4,7 +4,8 @@
 //! From the bottom up: [`board`] describes the boards, [`toolchain`] finds the compilers and
 //! emulators for them, and [`build`] builds their firmware. [`elf`], [`panics`] and [`stack`]
 //! look into the linked files, and [`log`] decodes what a board logs. [`pair`] prepares images,
-//! [`host`] matches them here, and [`emulator`] runs a board on them. [`commands`] are the
+//! [`host`] matches them here, [`emulator`] runs a board on them, and [`model`] the real one's
+//! firmware on a model of its chip. [`commands`] are the
 //! verbs of `cargo firmware`.
 
 pub mod board;
@@ -14,6 +15,7 @@ pub mod elf;
 pub mod emulator;
 pub mod host;
 pub mod log;
+pub mod model;
 pub mod pair;
 pub mod panics;
 pub mod stack;

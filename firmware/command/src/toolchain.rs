@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, bail, ensure};
 
@@ -59,6 +59,77 @@ impl Toolchain {
     }
 }
 
+/// Minor version of Rust 1 that the crate of the chips' models asks for, and of a nightly that
+/// builds it too.
+const MODEL_STABLE_MINOR: u32 = 98;
+const MODEL_NIGHTLY_MINOR: u32 = 97;
+
+/// A compiler for the models of chips, which is newer than that of the rest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ModelCompiler {
+    /// The one that cargo uses.
+    Own,
+    /// The nightly that rustup has installed.
+    Nightly,
+}
+
+impl ModelCompiler {
+    /// Returns the compiler for the models; `None` if none is installed.
+    #[must_use]
+    pub fn find() -> Option<Self> {
+        let is_new_enough = |compiler: Self, minor: u32| {
+            minor_version(&mut compiler.program("rustc")).is_some_and(|found| found >= minor)
+        };
+        if is_new_enough(Self::Own, MODEL_STABLE_MINOR) {
+            return Some(Self::Own);
+        }
+        is_new_enough(Self::Nightly, MODEL_NIGHTLY_MINOR).then_some(Self::Nightly)
+    }
+
+    /// Returns the command that runs its cargo.
+    #[must_use]
+    pub fn cargo(self) -> Command {
+        self.program("cargo")
+    }
+
+    /// Returns the options that its cargo takes besides.
+    #[must_use]
+    pub fn options(self) -> &'static [&'static str] {
+        match self {
+            Self::Own => &[],
+            Self::Nightly => &["--ignore-rust-version"],
+        }
+    }
+
+    fn program(self, name: &str) -> Command {
+        let mut command = match self {
+            Self::Own => Command::new(name),
+            Self::Nightly => {
+                let mut command = Command::new("rustup");
+                command.args(["run", "nightly", name]);
+                // What cargo tells of the compiler that runs now is not for another.
+                for variable in ["CARGO", "RUSTC", "RUSTUP_TOOLCHAIN"] {
+                    command.env_remove(variable);
+                }
+                command
+            }
+        };
+        // Settings for other builds must not change this one.
+        for variable in ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_BUILD_TARGET"] {
+            command.env_remove(variable);
+        }
+        command
+    }
+}
+
+/// Returns the minor version that a compiler tells; `None` if there is none.
+fn minor_version(compiler: &mut Command) -> Option<u32> {
+    let output = compiler.arg("--version").stderr(Stdio::null()).output();
+    let text = String::from_utf8(output.ok()?.stdout).ok()?;
+    let version = text.strip_prefix("rustc 1.")?;
+    version.split('.').next()?.parse().ok()
+}
+
 /// Returns the path of LLVM's linker: the one that Rust's own toolchain in `libraries` brings,
 /// or another on the path.
 fn linker(libraries: &Path) -> Result<Option<PathBuf>> {
@@ -105,8 +176,8 @@ pub struct Need {
     pub remedy: String,
     /// The packages that have it on Debian.
     pub packages: Vec<&'static str>,
-    /// Whether it is needed only to lint.
-    pub is_for_lint: bool,
+    /// Whether boards are built, and those of QEMU run, without it.
+    pub is_optional: bool,
 }
 
 /// Returns what a set of boards needs, each need once.
@@ -141,7 +212,7 @@ pub fn needs(boards: &[Board]) -> Result<Vec<Need>> {
             found,
             remedy: format!("rustup target add {target}"),
             packages,
-            is_for_lint: false,
+            is_optional: false,
         });
         let linter = match &toolchain {
             Some(toolchain) => toolchain.linter()?,
@@ -159,7 +230,7 @@ pub fn needs(boards: &[Board]) -> Result<Vec<Need>> {
             found: linter.map(|path| path.display().to_string()),
             remedy: remedy.to_owned(),
             packages,
-            is_for_lint: true,
+            is_optional: true,
         });
     }
     for emulator in emulators {
@@ -172,7 +243,19 @@ pub fn needs(boards: &[Board]) -> Result<Vec<Need>> {
             found: program(emulator).map(|path| path.display().to_string()),
             remedy: "install QEMU".to_owned(),
             packages: vec![package],
-            is_for_lint: false,
+            is_optional: false,
+        });
+    }
+    for board in boards.iter().filter(|board| board.model.is_some()) {
+        needs.push(Need {
+            what: format!("Rust for the model of {}, only to run it", board.name),
+            found: ModelCompiler::find().map(|compiler| match compiler {
+                ModelCompiler::Own => "the compiler that cargo uses".to_owned(),
+                ModelCompiler::Nightly => "nightly, installed by rustup".to_owned(),
+            }),
+            remedy: "rustup toolchain install nightly".to_owned(),
+            packages: vec![],
+            is_optional: true,
         });
     }
     Ok(needs)
@@ -184,7 +267,7 @@ pub fn needs(boards: &[Board]) -> Result<Vec<Need>> {
 /// Fails with one line that names what is missing and how to install it.
 pub fn ensure_complete(boards: &[Board]) -> Result<()> {
     let mut missing = needs(boards)?;
-    missing.retain(|need| need.found.is_none() && !need.is_for_lint);
+    missing.retain(|need| need.found.is_none() && !need.is_optional);
     if missing.is_empty() {
         return Ok(());
     }
@@ -226,4 +309,17 @@ fn apt_get(arguments: &[&str]) -> Result<()> {
     let status = status.context("cannot run apt-get: --install is for Debian")?;
     ensure!(status.success(), "apt-get {} failed", arguments.join(" "));
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_compilers_version_is_read() {
+        let version = |text: &str| minor_version(Command::new("echo").arg(text));
+        assert_eq!(version("rustc 1.97.0-nightly (e50aa6fba)"), Some(97));
+        assert_eq!(version("cargo 1.97.0"), None);
+        assert_eq!(minor_version(&mut Command::new("no such compiler")), None);
+    }
 }

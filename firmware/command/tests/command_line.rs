@@ -48,6 +48,10 @@ fn what_is_wrong_is_said_on_one_line() {
         let always = ["run", "--board", "stm32f405", "--out", "never.png"];
         refusal(&[&always, arguments].concat())
     };
+    let modelled = |arguments: &[&str]| {
+        let always = ["run", "--board", "stm32h743", "--out", "never.png"];
+        refusal(&[&always, arguments].concat())
+    };
     for (error, words) in [
         (
             refusal(&["build", "--board", "nothing"]),
@@ -55,16 +59,18 @@ fn what_is_wrong_is_said_on_one_line() {
         ),
         (refusal(&["flash"]), "flash"),
         (
-            refusal(&["verify", "--board", "stm32h743"]),
-            "stm32h743 is a real board and not emulated",
-        ),
-        (
             refusal(&["bench", "--board", "stm32h743"]),
             "stm32h743 is a real board and not emulated",
         ),
+        (modelled(&["--preset", "micro"]), "is built for lite"),
+        (modelled(&["--d-max", "31"]), "320x240 px in grey and 48"),
         (
-            refusal(&["run", "--board", "stm32h743", "--out", "never.png"]),
-            "stm32h743 is a real board and not emulated",
+            modelled(&["--fault", "0:3:bus-error"]),
+            "overrun, short-line",
+        ),
+        (
+            modelled(&["--fault", "0:3:overrun", "--fault", "0:4:overrun"]),
+            "one in a frame",
         ),
         (refusal(&["run", "--board", "stm32f405"]), "--out"),
         (run(&["--preset", "best"]), "lite, micro"),

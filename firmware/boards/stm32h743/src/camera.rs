@@ -2,17 +2,31 @@
 
 use embassy_stm32::gpio::Output;
 use embassy_time::Duration;
+use vgstereo_firmware::Watchdog;
 use vgstereo_firmware::camera::{ErrorKind, ErrorType, Geometry, LinePair, LinePairSource};
 
 use crate::capture::{Capture, RAW_WORDS};
-use crate::{FRAME_US, GEOMETRY, LAYOUT, clock};
+use crate::clock::{self, wait_for};
+use crate::sensors::Sensors;
+use crate::watchdog::Iwdg;
+use crate::{FRAME_US, GEOMETRY, LAYOUT};
+
+/// Longest wait for a line, or for the end of a frame.
+const FRAME: Duration = Duration::from_micros(FRAME_US as u64);
+/// Time between two attempts to set up a sensor that does not answer.
+const RETRY: Duration = Duration::from_millis(500);
 
 /// Two sensors that start a frame at the same edge of their trigger, when line 0 is asked for. The
 /// lines are not rectified. A pair that is not read before the next line ends is lost, together
 /// with the rest of the frame.
+///
+/// A sensor that does not answer is an error of the bus, again and again until it does. That
+/// feeds the watchdog: a reset would not bring the sensor back.
 pub struct StereoCamera {
+    sensors: Sensors,
     capture: Capture,
     trigger: Output<'static>,
+    watchdog: Iwdg,
     raw: [u32; RAW_WORDS],
     /// Number of frames started so far, modulo 2^32.
     frames: u32,
@@ -23,11 +37,18 @@ pub struct StereoCamera {
 }
 
 impl StereoCamera {
-    /// Creates a camera whose sensors start a frame at the rising edge of `trigger`.
-    pub fn new(capture: Capture, trigger: Output<'static>) -> Self {
+    /// Creates a camera whose sensors start a frame at the rising edge of `trigger`, which is low.
+    pub fn new(
+        sensors: Sensors,
+        capture: Capture,
+        trigger: Output<'static>,
+        watchdog: Iwdg,
+    ) -> Self {
         Self {
+            sensors,
             capture,
             trigger,
+            watchdog,
             raw: [0; RAW_WORDS],
             frames: 0,
             line: None,
@@ -37,27 +58,42 @@ impl StereoCamera {
 
     /// Returns the number of the next line of the current frame, or starts a new frame and returns
     /// 0.
-    fn next_line(&mut self) -> u32 {
+    fn next_line(&mut self) -> Result<u32, ErrorKind> {
         if let Some(line) = self.line {
-            return line;
+            return Ok(line);
         }
         // The sensors always send a whole frame: lines below the geometry, or the rest after a
         // fault, have to pass. The wait for a frame that never ends is bounded.
-        let _ = wait_for(|| self.capture.progress().has_ended);
-        self.trigger.set_low();
+        wait_for(FRAME, || self.capture.progress().has_ended);
+        if let Err(not_ready) = self.sensors.make_ready() {
+            if not_ready.is_absent {
+                self.watchdog.feed();
+            }
+            wait_for(RETRY, || false);
+            return Err(not_ready.kind);
+        }
         self.capture.begin_frame();
         self.trigger.set_high();
         self.frames = self.frames.wrapping_add(1);
-        0
+        Ok(0)
+    }
+
+    /// Ends the trigger, which has been high since the frame was asked for: the sensors have begun,
+    /// or they will not.
+    fn end_trigger(&mut self) {
+        if self.trigger.is_set_high() {
+            self.trigger.set_low();
+        }
     }
 
     /// Waits for a line and copies it out of the ring.
     fn receive(&mut self, line: u32) -> Result<(), ErrorKind> {
         let mut progress = self.capture.progress();
-        let came = wait_for(|| {
+        let came = wait_for(FRAME, || {
             progress = self.capture.progress();
             progress.fault.is_some() || progress.lines() > line || progress.has_ended
         });
+        self.end_trigger();
         if let Some(fault) = progress.fault {
             return Err(fault);
         }
@@ -70,18 +106,6 @@ impl StereoCamera {
             ErrorKind::Timeout
         })
     }
-}
-
-/// Waits until `has_happened` returns true, for at most the time of a frame. Returns whether it
-/// did.
-fn wait_for(mut has_happened: impl FnMut() -> bool) -> bool {
-    let begun = clock::now();
-    while clock::since(begun) < Duration::from_micros(FRAME_US.into()) {
-        if has_happened() {
-            return true;
-        }
-    }
-    false
 }
 
 impl ErrorType for StereoCamera {
@@ -98,11 +122,19 @@ impl LinePairSource for StereoCamera {
         if left.len() != line_bytes || right.len() != line_bytes {
             return Err(ErrorKind::Other);
         }
-        let line = self.next_line();
+        let line = self.next_line()?;
         let raw = self.receive(line);
         let split = raw.and_then(|()| {
             let raw = bytemuck::cast_slice(&self.raw);
             LAYOUT.split(GEOMETRY.format, raw, left, right)
+        });
+        // A frame is whole only if both sensors have sent all of it.
+        let is_last = line + 1 == GEOMETRY.height;
+        let split = split.and_then(|()| {
+            if is_last && !self.sensors.are_ready() {
+                return Err(ErrorKind::Bus);
+            }
+            Ok(())
         });
         if let Err(error) = split {
             self.line = None;
@@ -110,7 +142,7 @@ impl LinePairSource for StereoCamera {
             self.dropped = self.dropped.map(|dropped| dropped.saturating_add(lost));
             return Err(error);
         }
-        self.line = Some(line + 1).filter(|&next| next < GEOMETRY.height);
+        self.line = (!is_last).then_some(line + 1);
         Ok(LinePair {
             frame: self.frames.wrapping_sub(1),
             line,

@@ -71,6 +71,8 @@ impl Handler<PortInterrupt> for LineEnd {
             clear.set_line_isc(events.line_mis());
             clear.set_vsync_isc(events.vsync_mis());
             clear.set_ovr_isc(events.ovr_mis());
+            // Not asked for, but raised; embassy's handler would act on it at every line.
+            clear.set_frame_isc(true);
         });
         critical_section::with(|token| {
             let cell = PROGRESS.borrow(token);
@@ -159,6 +161,7 @@ impl Capture {
             clear.set_line_isc(true);
             clear.set_vsync_isc(true);
             clear.set_ovr_isc(true);
+            clear.set_frame_isc(true);
         });
         pac::DCMI.ier().write(|enable| {
             enable.set_line_ie(true);

@@ -1,4 +1,4 @@
-//! Time since start that never goes back.
+//! Time since start that never goes back, and waits by it.
 //!
 //! The 16-bit time driver of embassy-stm32 0.6 can read half a period of its counter, 65.5 ms, too
 //! late and then right again (embassy issue 4883), and an `Instant` that is earlier than the one
@@ -8,6 +8,7 @@
 
 use core::cell::Cell;
 
+use cortex_m::asm::wfi;
 use critical_section::Mutex;
 use embassy_time::{Duration, Instant};
 
@@ -27,4 +28,26 @@ pub fn now() -> Instant {
 /// Returns the time that has passed since `begun`; zero if that is still to come.
 pub fn since(begun: Instant) -> Duration {
     now().saturating_duration_since(begun)
+}
+
+/// Waits until `has_happened` returns true, for at most `longest`. Returns whether it did.
+///
+/// The core sleeps in between: what happens must come with an interrupt. That of the time driver,
+/// every 33 ms, ends the wait.
+pub fn wait_for(longest: Duration, mut has_happened: impl FnMut() -> bool) -> bool {
+    let begun = now();
+    while since(begun) < longest {
+        // An interrupt that comes before the core sleeps still wakes it, and is served after.
+        let happened = critical_section::with(|_| {
+            let happened = has_happened();
+            if !happened {
+                wfi();
+            }
+            happened
+        });
+        if happened {
+            return true;
+        }
+    }
+    false
 }

@@ -8,6 +8,7 @@ mod capture;
 mod clock;
 mod memory;
 mod sensors;
+mod watchdog;
 
 use cortex_m_rt::entry;
 use defmt_rtt as _;
@@ -15,18 +16,20 @@ use embassy_stm32::peripherals::{DCMI, DMA1_CH0, IWDG1, USART3};
 use embassy_stm32::rcc::{Mco, Mco1Source, McoConfig, McoPrescaler};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, BufferedUart};
-use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, dcmi, dma, gpio, i2c, rcc};
+use embassy_time::Duration;
 use panic_probe as _;
 use static_cell::ConstStaticCell;
 use vgstereo_core::{Config, DisparityRange, Matcher, Preset};
 use vgstereo_firmware::camera::{Geometry, Layout, PixelFormat};
 use vgstereo_firmware::sink::serial::{SerialSink, packet_bytes};
-use vgstereo_firmware::{Event, Session, Watchdog, session};
+use vgstereo_firmware::{Event, Session, session};
 use vgstereo_kernels::Armv7em;
 
 use crate::camera::StereoCamera;
 use crate::capture::Capture;
+use crate::sensors::Sensors;
+use crate::watchdog::Iwdg;
 
 /// Geometry of the camera's lines: the middle of the sensors' 324x244 px.
 const GEOMETRY: Geometry = Geometry {
@@ -42,16 +45,27 @@ const CONFIG: Config = Config::new(
     GEOMETRY.width,
     DisparityRange::up_to(47),
 );
-/// Period of a line: the time that the matcher has for one line, to which the sensors are slowed
-/// down.
-const LINE_US: u32 = 8_000;
+/// Baud rate of the serial port. At 2 Mbaud a line of disparities takes 3.3 ms, at 8 Mbaud 0.8 ms.
+const BAUD: u32 = if cfg!(feature = "serial-8-mbaud") {
+    8_000_000
+} else {
+    2_000_000
+};
+/// Period of a line, to which the sensors are slowed down: the time that the serial port and the
+/// matcher, side by side, have for one line.
+const LINE_US: u32 = if cfg!(feature = "serial-8-mbaud") {
+    2_500
+} else {
+    3_750
+};
 /// Longest wait for the camera: a frame with its gap and its exposure, and a quarter more.
 const FRAME_US: u32 = 325 * LINE_US;
 /// Time-out of the watchdog. A fault may take as long: the wait for a missing line, for the end of
 /// its frame, and for line 0 of the next frame.
 const WATCHDOG_US: u32 = 3 * FRAME_US;
-/// Baud rate of the serial port; at it, a line of disparities takes 3.3 ms.
-const BAUD: u32 = 2_000_000;
+/// Longest wait for a step on a sensor's bus. The ten attempts of a set-up take less than the
+/// watchdog waits.
+const BUS_TIMEOUT: Duration = Duration::from_millis(10);
 
 bind_interrupts!(struct Interrupts {
     DCMI => capture::LineEnd, dcmi::InterruptHandler<DCMI>;
@@ -71,30 +85,22 @@ static OUTGOING: ConstStaticCell<[u8; 2 * packet_bytes(GEOMETRY.width)]> =
 /// Receive buffer of the serial port; received bytes are not used.
 static INCOMING: ConstStaticCell<[u8; 4]> = ConstStaticCell::new([0; 4]);
 
-/// The chip's independent watchdog, which has a clock of its own.
-struct Iwdg(IndependentWatchdog<'static, IWDG1>);
-
-impl Watchdog for Iwdg {
-    fn feed(&mut self) {
-        self.0.pet();
-    }
-}
-
 #[entry]
 fn main() -> ! {
+    // Before all else, the clocks included: whatever hangs, the board starts again.
+    // SAFETY: the peripheral that `init` gives out is not used.
+    let watchdog = Iwdg::start(unsafe { IWDG1::steal() }, WATCHDOG_US);
     let board = embassy_stm32::init(clocks());
     let (matcher_memory, raw_lines) = memory::take();
 
     let mut sensor_clock = McoConfig::default();
     sensor_clock.prescaler = McoPrescaler::DIV1;
     let _sensor_clock = Mco::new(board.MCO1, board.PA8, Mco1Source::HSE, sensor_clock);
-    let left = i2c::I2c::new_blocking(board.I2C1, board.PB8, board.PB9, Default::default());
-    let right = i2c::I2c::new_blocking(board.I2C2, board.PF1, board.PF0, Default::default());
-    for (name, bus) in [("left", left), ("right", right)] {
-        if let Err(error) = sensors::start(bus, LINE_US) {
-            defmt::panic!("the {} sensor does not answer: {}", name, error);
-        }
-    }
+    let mut bus = i2c::Config::default();
+    bus.timeout = BUS_TIMEOUT;
+    let left = i2c::I2c::new_blocking(board.I2C1, board.PB8, board.PB9, bus);
+    let right = i2c::I2c::new_blocking(board.I2C2, board.PF1, board.PF0, bus);
+    let sensors = Sensors::new(left, right);
 
     let mut sync = dcmi::Config::default();
     sync.vsync_level = dcmi::VSyncDataInvalidLevel::Low;
@@ -121,7 +127,8 @@ fn main() -> ! {
         sync,
     );
     let trigger = gpio::Output::new(board.PD4, gpio::Level::Low, gpio::Speed::Low);
-    let camera = StereoCamera::new(Capture::new(port, channel, raw_lines), trigger);
+    let capture = Capture::new(port, channel, raw_lines);
+    let camera = StereoCamera::new(sensors, capture, trigger, watchdog);
 
     let mut serial = usart::Config::default();
     serial.baudrate = BAUD;
@@ -138,9 +145,6 @@ fn main() -> ! {
     let sink = SerialSink::new(serial, PACKET.take());
 
     let matcher = defmt::unwrap!(Matcher::new(&CONFIG, Armv7em, matcher_memory));
-    let mut watchdog = IndependentWatchdog::new(board.IWDG1, WATCHDOG_US);
-    watchdog.unleash();
-    let watchdog = Iwdg(watchdog);
     let session = Session::with_watchdog(camera, matcher, sink, LINES.take(), watchdog);
     let mut session = defmt::unwrap!(session);
     let mut begun = clock::now();

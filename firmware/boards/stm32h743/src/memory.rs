@@ -26,7 +26,7 @@ pub fn take() -> (&'static mut [u32], &'static mut [u32]) {
     let mut core = defmt::unwrap!(Peripherals::take());
     // SRAM1 is off after a reset, and an access without its clock would be a bus fault.
     RCC.ahb2enr().modify(|enable| enable.set_sram1en(true));
-    leave_sram1_uncached(&mut core.MPU);
+    protect(&mut core.MPU);
     core.SCB.enable_icache();
     core.SCB.enable_dcache(&mut core.CPUID);
     // SAFETY: there is no other reference, because the core's peripherals can be taken only once.
@@ -50,24 +50,50 @@ unsafe fn initialised((start, words): (*mut u32, usize)) -> &'static mut [u32] {
     }
 }
 
-/// Configures all 128 KB of SRAM1 as normal memory that is neither cached nor executable, so that
-/// the core reads what DMA1 has written.
-fn leave_sram1_uncached(mpu: &mut MPU) {
-    const BASE: u32 = 0x3000_0000;
+/// Sets up the protection of memory:
+///
+/// - All 128 KB of SRAM1 are normal memory that is neither cached nor executable, so that the core
+///   reads what DMA1 has written.
+/// - Of the DTCM nobody may touch the 4 KB above the statics. A stack that grows too deep faults
+///   there, and the watchdog restarts the board, before it overwrites statics.
+fn protect(mpu: &mut MPU) {
+    const SRAM1: u32 = 0x3000_0000;
     const EXECUTE_NEVER: u32 = 1 << 28;
     const FULL_ACCESS: u32 = 0b011 << 24;
+    const NO_ACCESS: u32 = 0;
     const NORMAL_NOT_CACHED: u32 = 0b001 << 19;
     const SHAREABLE: u32 = 1 << 18;
-    /// Size field of 128 KB: the binary logarithm of the bytes, less 1.
-    const SIZE: u32 = 16 << 1;
+    const REGION_ENABLE: u32 = 1;
+    /// Size field of a region: the binary logarithm of its bytes, less 1.
+    const fn size(bytes: u32) -> u32 {
+        (bytes.ilog2() - 1) << 1
+    }
+    const GUARD_BYTES: u32 = 4096;
     const ENABLE: u32 = 1;
     const DEFAULT_MAP_ELSEWHERE: u32 = 1 << 2;
-    // SAFETY: there is no reference to SRAM1 yet, and the default map stays for all other memory.
+    unsafe extern "C" {
+        /// The end of the statics, from `link.x`.
+        static __sheap: u32;
+    }
+    let statics_end = (&raw const __sheap).addr() as u32;
+    let regions = [
+        (
+            SRAM1,
+            EXECUTE_NEVER | FULL_ACCESS | NORMAL_NOT_CACHED | SHAREABLE | size(128 * 1024),
+        ),
+        (
+            statics_end.next_multiple_of(GUARD_BYTES),
+            EXECUTE_NEVER | NO_ACCESS | NORMAL_NOT_CACHED | size(GUARD_BYTES),
+        ),
+    ];
+    // SAFETY: there is no reference to SRAM1 yet, the stack is far above the guard, and the default
+    // map stays for all other memory.
     unsafe {
-        mpu.rnr.write(0);
-        mpu.rbar.write(BASE);
-        mpu.rasr
-            .write(EXECUTE_NEVER | FULL_ACCESS | NORMAL_NOT_CACHED | SHAREABLE | SIZE | ENABLE);
+        for (number, (base, attributes)) in (0..).zip(regions) {
+            mpu.rnr.write(number);
+            mpu.rbar.write(base);
+            mpu.rasr.write(attributes | REGION_ENABLE);
+        }
         mpu.ctrl.write(DEFAULT_MAP_ELSEWHERE | ENABLE);
     }
     dsb();

@@ -12,11 +12,12 @@ use vgstereo_sim::arguments::parse_preset;
 use vgstereo_sim::disparity_files::DisparityFormat;
 use vgstereo_sim::files::{read_image, write_files};
 
-use super::selection::parse_emulated_board;
-use crate::board::Board;
+use super::selection::parse_board;
+use crate::board::{Board, Model};
 use crate::build::build;
 use crate::elf::Sizes;
 use crate::emulator::{self, Clock};
+use crate::model::{self, Report, Scenario};
 use crate::pair::Pair;
 use crate::toolchain::ensure_complete;
 
@@ -26,12 +27,14 @@ use crate::toolchain::ensure_complete;
     after_help = "Without images, the built-in scene at 160x120 px. A fault is FRAME:LINE:KIND, \
     the first frame being 0: dropped-line, duplicated-line, lost-sync, truncated, \
     duplicated-frame, overrun, sync-error, short-line, short-frame, timeout, bus-error, \
-    other-error.\n\nExample: cargo firmware run --board stm32f405 --scene teddy --preset micro \
+    other-error.\n\nThe firmware of stm32h743 runs as it is flashed, on a model of the chip: lite \
+    at 320x240 px in grey with 48 disparities, and faults overrun, short-line, short-frame and \
+    timeout, one in a frame.\n\nExample: cargo firmware run --board stm32f405 --scene teddy --preset micro \
     --fault 0:20:overrun --out disparity.png"
 )]
 pub struct Run {
-    /// The board: stm32f405, mps2-an500, riscv-virt or riscv-virt-zbb.
-    #[arg(long, value_name = "B", value_parser = parse_emulated_board)]
+    /// The board: stm32f405, mps2-an500, riscv-virt, riscv-virt-zbb or stm32h743.
+    #[arg(long, value_name = "B", value_parser = parse_board)]
     board: Board,
     /// Left image: PNG, PPM, PGM or JPEG, rectified.
     #[arg(long, value_name = "FILE", requires = "right")]
@@ -46,7 +49,7 @@ pub struct Run {
     /// Preset; `vgstereo presets` lists them.
     #[arg(long, value_name = "P", default_value_t = Preset::Lite, value_parser = parse_preset)]
     preset: Preset,
-    /// Largest disparity to search, px [default: 31, or the scene's].
+    /// Largest disparity to search, px [default: 31, the scene's, or that of the real board].
     #[arg(long, value_name = "N")]
     d_max: Option<u16>,
     /// Send colour rather than grey [default for a scene on a board that is not small].
@@ -82,6 +85,9 @@ impl Run {
             pair.format = PixelFormat::Rgb888;
         }
         let format = DisparityFormat::choose(&self.out, None, pair.disparities)?;
+        if let Some(model) = self.board.model {
+            return self.run_modelled(&model, &pair, format);
+        }
         let request = pair.request(self.preset, self.frames, &self.fault)?;
         request.config().validate()?;
         ensure_complete(&[self.board])?;
@@ -120,20 +126,78 @@ impl Run {
         Ok(text)
     }
 
+    /// Runs a real board's firmware on the model of its chip.
+    fn run_modelled(
+        &self,
+        built_for: &Model,
+        pair: &Pair,
+        format: DisparityFormat,
+    ) -> Result<String> {
+        ensure!(
+            self.preset == built_for.preset,
+            "the firmware of {} is built for {}",
+            self.board.name,
+            built_for.preset
+        );
+        model::expected(built_for, pair)?;
+        let faults = u32::try_from(self.fault.len())?;
+        let scenario = Scenario {
+            // A fault costs the frame that it strikes.
+            frames: self.frames.saturating_add(faults),
+            faults: self.fault.clone(),
+            until_ms: u64::MAX / 1_000_000,
+            ..Scenario::default()
+        };
+        scenario.validate()?;
+        ensure_complete(&[self.board])?;
+        let (program, firmware) = (model::build(&self.board)?, build(&self.board)?);
+        let ran = model::run(&program, &firmware, pair, &scenario)?;
+        let last = ran.frames.iter().rfind(|frame| frame.is_whole);
+        let last = last.with_context(|| format!("{} gave no frame", self.board.name))?;
+        let values = last.disparities.as_chunks().0.iter();
+        let last_q4: Vec<i16> = values.map(|&bytes| i16::from_le_bytes(bytes)).collect();
+        write_files(&[(&self.out, format.encode(&last_q4, pair.left.width())?)])?;
+        let Report {
+            time_ms,
+            instructions,
+            resets,
+            refused,
+            ..
+        } = &ran.report;
+        let name = self.board.name;
+        let mut text = format!("{name}: {time_ms} ms, {instructions} instructions\n");
+        for line in &ran.log {
+            writeln!(text, "{line}")?;
+        }
+        for (what, all) in [("reset", resets), ("refused", refused)] {
+            for one in all {
+                writeln!(text, "{what}: {one}")?;
+            }
+        }
+        writeln!(text, "wrote {}", self.out.display())?;
+        Ok(text)
+    }
+
     /// Returns the scene or the images that the options name, or else the built-in scene.
     fn pair(&self) -> Result<Pair> {
         if let Some(folder) = &self.scene {
             return Pair::load(folder, &self.board);
         }
         let (Some(left), Some(right)) = (&self.left, &self.right) else {
-            return Ok(Pair::rendered(160, 120, DEFAULT_DISPARITIES));
+            return Ok(self.board.model.map_or_else(
+                || Pair::rendered(160, 120, DEFAULT_DISPARITIES),
+                |built_for| model::built_in_pair(&built_for),
+            ));
         };
         let pair = Pair {
             name: left.display().to_string(),
             left: read_image(left)?.into_rgb8(),
             right: read_image(right)?.into_rgb8(),
             format: PixelFormat::Grey8,
-            disparities: DisparityRange::up_to(DEFAULT_DISPARITIES - 1),
+            disparities: self.board.model.map_or(
+                DisparityRange::up_to(DEFAULT_DISPARITIES - 1),
+                |built_for| DisparityRange::up_to(built_for.disparities - 1),
+            ),
         };
         ensure!(
             pair.left.dimensions() == pair.right.dimensions(),

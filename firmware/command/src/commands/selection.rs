@@ -3,6 +3,7 @@
 use clap::Args;
 
 use crate::board::{Board, UnknownBoard};
+use crate::toolchain::ModelCompiler;
 
 /// The option of the verbs that take one board or all boards.
 #[derive(Debug, Clone, Args)]
@@ -37,7 +38,32 @@ impl EmulatedSelection {
     }
 }
 
-fn parse_board(name: &str) -> Result<Board, String> {
+/// The option of the verbs that take one board that this machine can run or all of them.
+#[derive(Debug, Clone, Args)]
+pub struct ExecutedSelection {
+    /// Only this board: stm32f405, mps2-an500, riscv-virt, riscv-virt-zbb or stm32h743.
+    #[arg(long, value_name = "B", value_parser = parse_board)]
+    board: Option<Board>,
+}
+
+impl ExecutedSelection {
+    /// Returns the board that was named, or else all emulated boards, and the modelled ones if
+    /// their models can be built.
+    #[must_use]
+    pub fn boards(&self) -> Vec<Board> {
+        let modelled = Board::modelled().filter(|_| ModelCompiler::find().is_some());
+        self.board
+            .map_or(Board::emulated().chain(modelled).collect(), |board| {
+                vec![board]
+            })
+    }
+}
+
+/// Returns the board that has this name.
+///
+/// # Errors
+/// Fails with one line when no board has the name.
+pub fn parse_board(name: &str) -> Result<Board, String> {
     name.parse()
         .map_err(|error: UnknownBoard| error.to_string())
 }

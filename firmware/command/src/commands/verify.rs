@@ -2,19 +2,20 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use rayon::prelude::*;
 use vgstereo_core::Preset;
 use vgstereo_sim::tables::table;
 use vgstereo_sim::terminal::progress_bar;
 
-use super::selection::EmulatedSelection;
+use super::selection::ExecutedSelection;
 use crate::board::Board;
 use crate::build::build;
 use crate::elf::Sizes;
 use crate::emulator::{self, Clock};
 use crate::host;
+use crate::model::{self, Report, Scenario};
 use crate::pair::Pair;
 use crate::toolchain::ensure_complete;
 
@@ -26,14 +27,16 @@ const SCENES: [&str; 4] = ["tsukuba", "venus", "teddy", "cones"];
 #[command(
     after_help = "Every preset that fits a board's memory, on the built-in scene and, where the \
     environment variable MIDDLEBURY_DIR names their folder, on Tsukuba, Venus, Teddy and Cones: \
-    in grey and half as large on a small board, whole and in colour on the others."
+    in grey and half as large on a small board, whole and in colour on the others.\n\nThe real \
+    board runs the firmware that is flashed on a model of its chip: one frame of the built-in \
+    scene. It is left out where the model cannot be built, unless it is named."
 )]
 pub struct Verify {
     /// Only the first N lines of each pair: all of the firmware runs, in less time.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     lines: Option<u32>,
     #[command(flatten)]
-    selection: EmulatedSelection,
+    selection: ExecutedSelection,
 }
 
 /// One comparison: a board runs its firmware on a pair with a preset.
@@ -53,9 +56,12 @@ impl Verify {
     pub fn run(self) -> Result<String> {
         let boards = self.selection.boards();
         ensure_complete(&boards)?;
+        let (emulated, modelled): (Vec<_>, Vec<_>) = boards
+            .into_iter()
+            .partition(|board| board.emulation.is_some());
         let folder = std::env::var_os("MIDDLEBURY_DIR").map(PathBuf::from);
         let mut cases = Vec::new();
-        for board in boards {
+        for board in emulated {
             let firmware = build(&board)?;
             let lent_bytes = Sizes::read(&firmware)?.lent_bytes;
             for pair in self.pairs(&board, folder.as_deref())? {
@@ -97,6 +103,9 @@ impl Verify {
                 ]);
             }
         }
+        for board in modelled {
+            table.add_row(compare_modelled(&board)?);
+        }
         let note = match folder {
             Some(_) => "",
             None => "MIDDLEBURY_DIR is not set: the built-in scene alone\n",
@@ -120,6 +129,46 @@ impl Verify {
         }
         Ok(pairs)
     }
+}
+
+/// Runs a real board's firmware on the model of its chip until a frame has come, compares that with
+/// the host's, and returns the row of the table.
+///
+/// # Errors
+/// Fails with one line that says what differs, or what the chip refused.
+fn compare_modelled(board: &Board) -> Result<[String; 4]> {
+    let (program, firmware) = (model::build(board)?, build(board)?);
+    let built_for = board.model.context("the board has a model")?;
+    let pair = model::built_in_pair(&built_for);
+    let scenario = Scenario {
+        frames: 1,
+        until_ms: 10_000,
+        ..Scenario::default()
+    };
+    let ran = model::run(&program, &firmware, &pair, &scenario)?;
+    let expected = model::expected(&built_for, &pair)?;
+    let whole = ran.frames.iter().find(|frame| frame.is_whole);
+    let whole = whole.with_context(|| format!("{}: no frame: {:?}", board.name, ran.log))?;
+    ensure!(
+        whole.disparities == expected.disparities,
+        "{}: the frame differs from the host's",
+        board.name
+    );
+    let Report {
+        resets, refused, ..
+    } = &ran.report;
+    ensure!(
+        resets.is_empty() && refused.is_empty(),
+        "{}: resets {resets:?}, refused {refused:?}",
+        board.name
+    );
+    let name = format!("{}, modelled", board.name);
+    Ok([
+        name,
+        pair.name.clone(),
+        pair.size(),
+        built_for.preset.to_string(),
+    ])
 }
 
 impl Case {

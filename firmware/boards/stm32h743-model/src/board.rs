@@ -1,0 +1,168 @@
+//! The NUCLEO-H743ZI2 as it is wired: the chip, its crystal, both sensors, and a listener on the
+//! serial port.
+
+use std::num::{NonZeroU32, NonZeroU64};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use anyhow::{Context, Result, anyhow};
+use rigless::chip::{Timeline, uart};
+use rigless::cpu::armv7m::windows;
+use rigless::device::{Device, ErasedDevice, ResetCause};
+use rigless::machine::{Board, Target, armv7m};
+use rigless::mcu::{Mcu, Operate};
+use rigless::snapshot::Store;
+use rigless::soc::Bus;
+use rigless::soc::stm32h743::{Stm32h743, peripherals::usart};
+use rigless::time::VirtualNanos;
+
+use crate::port::Port;
+use crate::sensor::{Shared, Wire};
+use crate::watchdog::Iwdg;
+
+const CRYSTAL_HZ: u64 = 8_000_000;
+const SUPPLY_MV: u32 = 3300;
+const CORE_HZ: u64 = 400_000_000;
+/// The port that the debug probe listens to.
+const SERIAL: &str = "USART3";
+/// Name of the one chip.
+const CHIP: &str = "stm32h743";
+
+/// The chip, with the models that the crate does not have in their places.
+#[derive(Debug)]
+pub struct Chip {
+    inner: Stm32h743,
+    pub port: Port,
+    pub watchdog: Iwdg,
+    /// Places of the two on the bus.
+    places: [usize; 2],
+}
+
+impl Mcu for Chip {
+    fn bus(&self) -> &Bus {
+        self.inner.bus()
+    }
+
+    fn bus_mut(&mut self) -> &mut Bus {
+        self.inner.bus_mut()
+    }
+
+    fn reset(&mut self, at: VirtualNanos, cause: ResetCause) {
+        self.inner.reset(at, cause);
+        Device::reset(&mut self.port);
+        Device::reset(&mut self.watchdog);
+    }
+
+    fn poll(&mut self, now: VirtualNanos) {
+        self.poll_every_model(now);
+    }
+
+    fn split(&mut self, place: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
+        let (bus, model) = self.inner.split(place);
+        if place == self.places[0] {
+            (bus, Some(&mut self.port))
+        } else if place == self.places[1] {
+            (bus, Some(&mut self.watchdog))
+        } else {
+            (bus, model)
+        }
+    }
+}
+
+/// Keeps what the serial port sends.
+#[derive(Debug, Clone, Default)]
+pub struct Listener(Arc<Mutex<Vec<u8>>>);
+
+impl Listener {
+    /// Returns the bytes that came so far.
+    pub fn bytes(&self) -> Vec<u8> {
+        let bytes = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        bytes.clone()
+    }
+}
+
+impl Store for Listener {}
+
+impl uart::Peer for Listener {
+    fn receive(&mut self, word: u16, _: &mut Timeline<'_, '_>) {
+        let mut bytes = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        bytes.push(word as u8);
+    }
+
+    fn transmit(&mut self, _: VirtualNanos) -> Option<u16> {
+        None
+    }
+}
+
+/// The whole board.
+#[derive(Debug)]
+pub struct Nucleo {
+    pub chip: Chip,
+    pub serial: Listener,
+}
+
+impl Nucleo {
+    /// Wires the board up.
+    pub fn new(port: Port, sensors: &[Shared; 2]) -> Result<Self> {
+        let mut inner = Stm32h743::new().map_err(|error| anyhow!("{error}"))?;
+        inner.rcc.attach_crystals(CRYSTAL_HZ, 0);
+        inner.set_supply(SUPPLY_MV);
+        inner.set_analog_supply(SUPPLY_MV);
+        for (bus, sensor) in inner.i2c.iter_mut().zip(sensors) {
+            bus.attach(Wire::new(sensor.clone()));
+        }
+        let serial = Listener::default();
+        let number = usart::INSTANCES.iter().position(|&name| name == SERIAL);
+        inner.usart[number.context(SERIAL)?].attach(serial.clone());
+        let place = |name| inner.bus().slot_of(name).context(name);
+        let places = [place("DCMI")?, place("IWDG")?];
+        let chip = Chip {
+            inner,
+            port,
+            watchdog: Iwdg::default(),
+            places,
+        };
+        Ok(Self { chip, serial })
+    }
+}
+
+impl Store for Nucleo {}
+
+impl Board for Nucleo {
+    fn name(&self) -> &'static str {
+        "nucleo-h743zi2"
+    }
+
+    fn target_names(&self) -> Vec<&'static str> {
+        vec![CHIP]
+    }
+
+    fn mcu(&mut self, target: usize) -> Option<&mut dyn Mcu> {
+        (target == 0).then_some(&mut self.chip)
+    }
+
+    fn targets(&mut self) -> Vec<Target<'_>> {
+        let lines = u32::from(self.chip.cpu().interrupt_lines);
+        let core = armv7m::Core {
+            variant: armv7m::Variant::M7,
+            clock_hz: NonZeroU64::new(CORE_HZ).expect("it runs"),
+            interrupt_lines: NonZeroU32::new(lines).expect("it has interrupts"),
+            priority_bits: 4,
+            refclk_divider: const { NonZeroU32::new(8).unwrap() },
+            // One instruction per cycle, about what the matcher has on hardware.
+            instructions_per_second: NonZeroU64::new(CORE_HZ).expect("it runs"),
+            boot: "flash",
+        };
+        let mut config = armv7m::Config::new(core, &windows(self.chip.bus()));
+        config.mpu_regions = armv7m::MpuRegions::Sixteen;
+        config.vector_table = Some(0x0800_0000);
+        config.branch_prediction = armv7m::BranchPrediction::Always;
+        // As the programming manual PM0253 gives them for this core and its caches of 16 KB.
+        config.cpuid = 0x411f_c271;
+        config.caches = Some(armv7m::Caches {
+            clidr: 0x0900_0003,
+            ctr: 0x8303_c003,
+            ccsidr: &[0xf00f_e019, 0xf01f_e009],
+        });
+        vec![Target::new(CHIP, &mut self.chip, config.spec())]
+    }
+}

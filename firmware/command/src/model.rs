@@ -1,0 +1,306 @@
+//! Runs a real board's firmware on a model of its chip: the very file that is flashed, with two
+//! sensors at its camera port.
+//!
+//! The model is a program of its own in `firmware/boards`, apart from the workspace, because the
+//! crate that has the chip asks for a newer compiler than the rest.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use anyhow::{Context, Result, bail, ensure};
+use serde::Deserialize;
+use vgstereo_core::DisparityRange;
+use vgstereo_firmware::camera::{ErrorKind, PixelFormat};
+use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
+use vgstereo_firmware::sink::serial::Packet;
+use wait_timeout::ChildExt;
+
+use crate::board::{Board, Model};
+use crate::host::{self, Frames};
+use crate::log;
+use crate::pair::Pair;
+use crate::toolchain::ModelCompiler;
+
+/// The longest times that the start of a run and each of its frames may take; a model that takes
+/// longer is considered hung.
+const LONGEST_START: Duration = Duration::from_secs(300);
+const LONGEST_FRAME: Duration = Duration::from_secs(120);
+/// The faults that the wires of the camera can have.
+const WIRE_FAULTS: [ErrorKind; 4] = [
+    ErrorKind::Overrun,
+    ErrorKind::ShortLine,
+    ErrorKind::ShortFrame,
+    ErrorKind::Timeout,
+];
+
+/// What a run is to do.
+#[derive(Debug, Clone, Default)]
+pub struct Scenario {
+    /// Number of frames that the sensors end before the run ends.
+    pub frames: u32,
+    /// Faults at the wires: overruns, short lines, short frames and time-outs, one in a frame. Frames
+    /// are those that the sensors send.
+    pub faults: Vec<ScriptedFault>,
+    /// Times at which a sensor has no power: `left` or `right`, from and to, ms.
+    pub absences: Vec<(&'static str, u64, u64)>,
+    /// Time on the board after which the run ends in any case, ms.
+    pub until_ms: u64,
+}
+
+/// A frame of which the board has sent the begin.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct SentFrame {
+    /// The board's number of the frame.
+    pub number: u32,
+    /// The disparities that came, 1/16 px, little-endian.
+    pub disparities: Vec<u8>,
+    /// Whether the board said that the frame is done.
+    pub is_whole: bool,
+}
+
+/// What happened to the chip, as the model reports it.
+#[derive(Debug, Clone, Default, Deserialize)]
+pub struct Report {
+    /// Time on the board at the end, ms.
+    pub time_ms: u64,
+    /// Instructions, sleep left out.
+    pub instructions: u64,
+    /// Number of frames that the sensors began.
+    pub frames_begun: u32,
+    /// When they did, ms.
+    pub begun_ms: Vec<u64>,
+    /// How often the left and the right sensor were set up.
+    pub armed: [u32; 2],
+    /// How often the watchdog was fed.
+    pub meals: u32,
+    /// The longest time between two meals, ms.
+    pub longest_hunger_ms: u64,
+    /// Restarts of the board, each with its cause.
+    pub resets: Vec<String>,
+    /// Accesses without a register or without a clock, and transfers that DMA cannot make.
+    pub refused: Vec<String>,
+}
+
+impl Scenario {
+    /// Checks that the wires can have its faults.
+    ///
+    /// # Errors
+    /// Fails when they cannot have a kind, or when a frame has several.
+    pub fn validate(&self) -> Result<()> {
+        let mut frames = BTreeSet::new();
+        for fault in &self.faults {
+            let kinds = WIRE_FAULTS.map(|kind| FaultKind::Error(kind).name());
+            ensure!(
+                kinds.contains(&fault.kind.name()) && frames.insert(fault.frame),
+                "{fault}: the camera of the model has these faults, one in a frame: {}",
+                kinds.join(", ")
+            );
+        }
+        Ok(())
+    }
+}
+
+/// What came of a run.
+#[derive(Debug, Clone, Default)]
+pub struct Ran {
+    /// The frames of which the board has sent the begin.
+    pub frames: Vec<SentFrame>,
+    /// The lines of its log.
+    pub log: Vec<String>,
+    /// What happened to the chip.
+    pub report: Report,
+}
+
+/// Returns the pair that a board's sensors send unless another is given: the built-in scene in the
+/// size for which its firmware is built.
+#[must_use]
+pub fn built_in_pair(model: &Model) -> Pair {
+    let (width, height) = model.size;
+    Pair::rendered(width, height, model.disparities)
+}
+
+/// Returns the frames that the host makes of a pair as a board does.
+///
+/// # Errors
+/// Fails when the pair is not of the size for which the board's firmware is built.
+pub fn expected(model: &Model, pair: &Pair) -> Result<Frames> {
+    let (width, height) = model.size;
+    ensure!(
+        pair.left.dimensions() == model.size
+            && pair.format == PixelFormat::Grey8
+            && pair.disparities == DisparityRange::up_to(model.disparities - 1),
+        "the firmware is built for {width}x{height} px in grey and {} disparities",
+        model.disparities
+    );
+    let (frames, _) = host::run(pair, &pair.request(model.preset, 1, &[])?)?;
+    Ok(frames)
+}
+
+/// Builds the model of a board and returns the path of the program.
+///
+/// # Errors
+/// Fails when the board has no model, when no compiler is new enough, or when it does not compile.
+pub fn build(board: &Board) -> Result<PathBuf> {
+    let model = board
+        .model
+        .with_context(|| format!("there is no model of {}", board.name))?;
+    let model = model.folder;
+    let compiler = ModelCompiler::find();
+    let compiler = compiler.with_context(|| {
+        format!(
+            "there is no compiler for the model of {}: cargo firmware setup tells how to install it",
+            board.name
+        )
+    })?;
+    let root = crate::build::root();
+    let target = root.join("target/model");
+    let mut cargo = compiler.cargo();
+    cargo
+        .args(["build", "--release", "--locked", "--quiet"])
+        .args(compiler.options())
+        .arg("--target-dir")
+        .arg(&target)
+        .current_dir(root.join("firmware/boards").join(model))
+        .stdout(std::io::stderr());
+    let status = cargo.status().context("cannot run cargo")?;
+    ensure!(
+        status.success(),
+        "the model of {} does not build",
+        board.name
+    );
+    Ok(target.join("release").join(model))
+}
+
+/// Runs a board's firmware on its model while the sensors send a pair.
+///
+/// # Errors
+/// Fails with one line when the scenario is not valid, when the model fails or does not end, or when
+/// what the board sent or logged cannot be read.
+pub fn run(program: &Path, firmware: &Path, pair: &Pair, scenario: &Scenario) -> Result<Ran> {
+    scenario.validate()?;
+    let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
+    let views = folder.path().join("views.bin");
+    fs::write(&views, pair.lines()?).context("cannot write a temporary file")?;
+    let mut command = Command::new(program);
+    command
+        .arg(firmware)
+        .arg(&views)
+        .arg(pair.left.width().to_string())
+        .arg(folder.path())
+        .args(["--frames", &scenario.frames.to_string()])
+        .args(["--until-ms", &scenario.until_ms.to_string()])
+        .stdin(Stdio::null())
+        .stdout(Stdio::null());
+    for fault in &scenario.faults {
+        command.args(["--fault", &fault.to_string()]);
+    }
+    for (side, from_ms, to_ms) in &scenario.absences {
+        command.args(["--absent", &format!("{side}:{from_ms}:{to_ms}")]);
+    }
+    let child = command.spawn();
+    let mut child = child.with_context(|| format!("cannot run {}", program.display()))?;
+    let longest = LONGEST_START + LONGEST_FRAME.saturating_mul(scenario.frames);
+    let Some(status) = child.wait_timeout(longest)? else {
+        child.kill()?;
+        child.wait()?;
+        bail!("the model is not done after {longest:?}");
+    };
+    ensure!(status.success(), "the model ended with {status}");
+    let read = |name: &str| {
+        let path = folder.path().join(name);
+        fs::read(&path).with_context(|| format!("cannot read {}", path.display()))
+    };
+    Ok(Ran {
+        frames: sent_frames(&read("serial.bin")?)?,
+        log: log::lines(firmware, &read("log.defmt")?)?,
+        report: serde_json::from_slice(&read("report.json")?)?,
+    })
+}
+
+/// Takes what came over the serial port apart.
+fn sent_frames(bytes: &[u8]) -> Result<Vec<SentFrame>> {
+    let mut frames: Vec<SentFrame> = vec![];
+    let mut parts = bytes.split_inclusive(|byte| *byte == 0);
+    for part in parts.by_ref().filter(|part| part.len() > 1) {
+        if part.last() != Some(&0) {
+            // Cut off by the end of the run.
+            break;
+        }
+        let mut part = part.to_vec();
+        let packet = postcard::from_bytes_cobs(&mut part);
+        let packet = packet.context("the board sent what is no packet")?;
+        match (packet, frames.last_mut()) {
+            (Packet::FrameBegun { frame: number, .. }, _) => frames.push(SentFrame {
+                number,
+                ..SentFrame::default()
+            }),
+            (Packet::Line { disparities, .. }, Some(frame)) => {
+                frame.disparities.extend_from_slice(disparities);
+            }
+            (Packet::FrameDone { .. }, Some(frame)) => frame.is_whole = true,
+            (Packet::FrameAborted { .. }, Some(_)) => {}
+            (_, None) => bail!("the board sent a line before a frame"),
+        }
+    }
+    Ok(frames)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_taken_apart() {
+        let packets = [
+            Packet::FrameBegun {
+                frame: 3,
+                timestamp_us: 5,
+                x: 0,
+                y: 0,
+                width: 2,
+                height: 1,
+            },
+            Packet::FrameAborted { frame: 3 },
+            Packet::FrameBegun {
+                frame: 4,
+                timestamp_us: 9,
+                x: 0,
+                y: 0,
+                width: 2,
+                height: 1,
+            },
+            Packet::Line {
+                frame: 4,
+                line: 0,
+                disparities: &[1, 0, 0, 2],
+            },
+            Packet::FrameDone { frame: 4 },
+        ];
+        let mut bytes = vec![];
+        for packet in packets {
+            let mut buffer = [0; 64];
+            bytes.push(0);
+            bytes.extend_from_slice(postcard::to_slice_cobs(&packet, &mut buffer).unwrap());
+        }
+        let mut expected = vec![
+            SentFrame {
+                number: 3,
+                ..SentFrame::default()
+            },
+            SentFrame {
+                number: 4,
+                disparities: vec![1, 0, 0, 2],
+                is_whole: true,
+            },
+        ];
+        assert_eq!(sent_frames(&bytes).unwrap(), expected);
+        // The run ends amid the last packet.
+        bytes.truncate(bytes.len() - 1);
+        expected[1].is_whole = false;
+        assert_eq!(sent_frames(&bytes).unwrap(), expected);
+        assert!(sent_frames(&[3, 7, 0]).is_err());
+    }
+}
