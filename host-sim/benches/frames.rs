@@ -20,7 +20,8 @@ fn frames(criterion: &mut Criterion) {
         d_max: D_MAX,
         ..RenderOptions::default()
     });
-    let views = Views::new(&scene.left, &scene.right, false).expect("the scene is narrow");
+    let views =
+        Views::new(scene.left.clone(), scene.right.clone(), false).expect("the scene is narrow");
     let mut group = criterion.benchmark_group("frame");
     group.sample_size(20);
     // One element is one pixel at one disparity.

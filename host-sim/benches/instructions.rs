@@ -64,7 +64,7 @@ fn frame(preset: &str) -> Result<()> {
         d_max: D_MAX,
         ..RenderOptions::default()
     });
-    let views = Views::new(&scene.left, &scene.right, false)?;
+    let views = Views::new(scene.left.clone(), scene.right.clone(), false)?;
     let config = Config {
         colour: views.has_colour(),
         ..Config::new(preset.parameters(), WIDTH, DisparityRange::up_to(D_MAX))

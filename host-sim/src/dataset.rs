@@ -8,7 +8,8 @@ use anyhow::{Context, Result, bail, ensure};
 use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma};
 use serde::{Deserialize, Serialize};
 
-use crate::files::{encode, make_folder, read_image, write_files};
+use crate::files::{encode, make_folder, write_files};
+use crate::images::{ImageFile, ViewImages, read_image};
 use crate::scene::{GroundTruth, Mask, Scene};
 
 /// The keys that `meta.toml` of a scene must have. Other keys are ignored.
@@ -87,6 +88,15 @@ pub fn ensure_distinct<T: PartialEq + Display>(what: &str, list: &[T]) -> Result
 /// # Errors
 /// Fails with one line that names the file and the reason.
 pub fn load_scene(folder: &Path) -> Result<Scene> {
+    load_scene_with(folder, None)
+}
+
+/// Loads the scene in a folder as [`load_scene`] does, with this number of used bits of views
+/// that have 16: see [`ViewImages::decode`].
+///
+/// # Errors
+/// Fails with one line that names the file and the reason.
+pub fn load_scene_with(folder: &Path, bits: Option<u8>) -> Result<Scene> {
     let name = folder.file_name().map_or_else(
         || folder.display().to_string(),
         |n| n.to_string_lossy().into_owned(),
@@ -101,8 +111,10 @@ pub fn load_scene(folder: &Path) -> Result<Scene> {
         "{}: gt_scale must be above 0",
         meta_path.display()
     );
-    let left = read_image(&folder.join("left.png"))?.into_rgb8();
-    let size = left.dimensions();
+    let views = ["left.png", "right.png"].map(|file| ImageFile::open(&folder.join(file)));
+    let [left, right] = views;
+    let views = ViewImages::decode(&left?, &right?, bits)?;
+    let size = views.left.dimensions();
     let load = |file: &str| -> Result<DynamicImage> {
         let path = folder.join(file);
         let image = read_image(&path)?;
@@ -113,7 +125,6 @@ pub fn load_scene(folder: &Path) -> Result<Scene> {
         folder.join(file).is_file().then(|| load(file)).transpose()
     };
     let mask = |file: &str| -> Result<Option<Mask>> { Ok(optional(file)?.map(to_mask)) };
-    let right = load("right.png")?.into_rgb8();
     let truth = GroundTruth {
         left_px: to_disparities(load("gt_left.png")?, meta.gt_scale),
         right_px: optional("gt_right.png")?.map(|image| to_disparities(image, meta.gt_scale)),
@@ -123,8 +134,9 @@ pub fn load_scene(folder: &Path) -> Result<Scene> {
     };
     Ok(Scene {
         name,
-        left,
-        right,
+        left: views.left,
+        right: views.right,
+        bits: views.bits,
         d_max: meta.d_max,
         truth: Some(truth),
     })
@@ -248,6 +260,7 @@ mod tests {
                 name: format!("far {d_max}"),
                 left: RgbImage::from_fn(3, 2, |x, y| image::Rgb([x as u8, y as u8, 200])),
                 right: RgbImage::from_fn(3, 2, |x, y| image::Rgb([9, x as u8, y as u8])),
+                bits: None,
                 d_max,
                 truth: Some(GroundTruth {
                     left_px: left_px.clone(),

@@ -1,37 +1,12 @@
-//! Reading and writing of images and other files. Errors name the file, and no file is left
-//! half written.
+//! Writing of files. Errors name the file, and no file is left half written.
 
 use std::fs;
 use std::io::{self, Write};
 use std::path::Path;
 
-use anyhow::{Context, Result, anyhow, bail};
-use image::{DynamicImage, ImageFormat, ImageReader};
+use anyhow::{Context, Result};
+use image::{DynamicImage, ImageFormat};
 use tempfile::NamedTempFile;
-
-/// Reads a PNG, PPM, PGM or JPEG image. The format is recognized from the content, not from the
-/// file name.
-///
-/// # Errors
-/// Fails with one line that names the file and the reason.
-pub fn read_image(path: &Path) -> Result<DynamicImage> {
-    let reader = ImageReader::open(path)
-        .and_then(ImageReader::with_guessed_format)
-        .with_context(|| format!("cannot read {}", path.display()))?;
-    if reader.format().is_none() {
-        bail!(
-            "cannot read {}: neither PNG, PPM, PGM nor JPEG",
-            path.display()
-        );
-    }
-    let image = reader
-        .decode()
-        .map_err(|error| anyhow!("cannot read {}: {error}", path.display()))?;
-    if image.width() == 0 || image.height() == 0 {
-        bail!("cannot read {}: the image is empty", path.display());
-    }
-    Ok(image)
-}
 
 /// Writes each of these files whole or not at all: it writes temporary files beside them, and
 /// renames these when all are written.

@@ -35,7 +35,7 @@ impl Prepared {
     /// # Errors
     /// Fails when the views are wider than a matcher takes.
     pub fn new(scene: Scene, grey: bool) -> Result<Self> {
-        let views = Views::new(&scene.left, &scene.right, grey)?;
+        let views = Views::new(scene.left.clone(), scene.right.clone(), grey)?;
         Ok(Self { scene, views })
     }
 

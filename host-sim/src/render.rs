@@ -129,6 +129,7 @@ pub fn render(options: &RenderOptions) -> Scene {
         name: "courtyard".to_owned(),
         left: view(&yard, Side::Left, &left, width, height),
         right: view(&yard, Side::Right, &right, width, height),
+        bits: None,
         d_max,
         truth: Some(ground_truth(&yard, width, height)),
     }

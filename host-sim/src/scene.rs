@@ -16,6 +16,9 @@ pub struct Scene {
     pub left: RgbImage,
     /// The right view; its size is that of the left view.
     pub right: RgbImage,
+    /// How many bits of their 16 the levels of the stored views used, if not all; `None` for views
+    /// of 8 bits.
+    pub bits: Option<u8>,
     /// The largest disparity to search, px.
     pub d_max: u16,
     /// The ground truth; `None` if it is not known.

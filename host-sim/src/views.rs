@@ -21,26 +21,24 @@ pub struct Views {
 }
 
 impl Views {
-    /// Returns the views of two images that have one size. Pixels are grey with `grey` or when
-    /// neither image has colour; otherwise they are RGB.
+    /// Returns the views of two images that have one size. Pixels are grey with `grey` or when one of
+    /// the images has no colour; otherwise they are RGB.
     ///
     /// # Errors
     /// Fails with one line that states the limit when the images are too wide.
-    pub fn new(left: &RgbImage, right: &RgbImage, grey: bool) -> Result<Self> {
+    pub fn new(left: RgbImage, right: RgbImage, grey: bool) -> Result<Self> {
         let is_grey =
             |image: &RgbImage| image.pixels().all(|p| p.0[0] == p.0[1] && p.0[1] == p.0[2]);
+        // Colour that one view alone has tells nothing about a match.
+        let grey = grey || is_grey(&left) || is_grey(&right);
         let views = Self {
-            left: left.as_raw().clone(),
-            right: right.as_raw().clone(),
             width: u16::try_from(left.width())
                 .with_context(|| format!("images are at most {} px wide", u16::MAX))?,
+            left: left.into_raw(),
+            right: right.into_raw(),
             format: PixelFormat::Rgb888,
         };
-        Ok(if grey || is_grey(left) && is_grey(right) {
-            views.to_grey()
-        } else {
-            views
-        })
+        Ok(if grey { views.to_grey() } else { views })
     }
 
     /// Returns these views with every pixel replaced by its luma.

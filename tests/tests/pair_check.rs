@@ -60,7 +60,7 @@ fn main() {
         let mut px = truth.left_px.clone();
         px.sort_by(f32::total_cmp);
         let right = to_the_right(&scene.right, px[px.len() / 2] as u32);
-        let views = Views::new(&scene.left, &right, true).unwrap();
+        let views = Views::new(scene.left, right, true).unwrap();
         let hints = hints(&views, DisparityRange::up_to(scene.d_max)).unwrap();
         assert!(matches!(hints.as_slice(), [Hint::Below(_)]), "{hints:?}");
         Ok(())
@@ -93,7 +93,8 @@ fn open(path: &Path) -> Result<RgbImage, Failed> {
 /// Checks a pair as it is, and with each fault planted in it.
 fn check(name: &str, left: &RgbImage, right: &RgbImage, d_max: u16) -> Result<(), Failed> {
     let range = DisparityRange::up_to(d_max);
-    let views = |left: &RgbImage, right: &RgbImage| Views::new(left, right, true).unwrap();
+    let views =
+        |left: &RgbImage, right: &RgbImage| Views::new(left.clone(), right.clone(), true).unwrap();
     let found = |left: &RgbImage, right: &RgbImage, range| {
         hints(&views(left, right), range).map_err(|error| Failed::from(error.to_string()))
     };

@@ -437,7 +437,7 @@ fn lines_that_lie_too_low_give_the_bits_of_the_oracle() {
             },
             ..RenderOptions::default()
         });
-        let views = Views::new(&scene.left, &scene.right, grey).unwrap();
+        let views = Views::new(scene.left.clone(), scene.right.clone(), grey).unwrap();
         let pair = Pair {
             width: 150,
             height: 110,
@@ -834,7 +834,7 @@ fn lowered(line_offset_px: f32) -> Pair {
         line_offset_px,
         ..RenderOptions::default()
     });
-    let views = Views::new(&scene.left, &scene.right, false).unwrap();
+    let views = Views::new(scene.left.clone(), scene.right.clone(), false).unwrap();
     Pair {
         width: 150,
         height: 110,

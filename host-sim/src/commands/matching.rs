@@ -11,8 +11,9 @@ use vgstereo_kernels::NativeKernels;
 
 use crate::arguments::{Overrides, name_of, output_of, parse_preset};
 use crate::disparity_files::DisparityFormat;
-use crate::files::{encode, read_image, write_files};
+use crate::files::{encode, write_files};
 use crate::frame::match_frame;
+use crate::images::{ImageFile, ViewImages, bits_note, parse_bits};
 use crate::pair_check::hints;
 use crate::pictures::colour_disparities;
 use crate::tables::{kib, milliseconds};
@@ -29,9 +30,10 @@ const DEFAULT_D_MAX: u16 = 63;
     Example: vgstereo match left.png right.png --out disparity.png --d-max 59 --colour colour.png"
 )]
 pub struct Match {
-    /// Left image: PNG, PPM, PGM or JPEG, colour or grey, rectified.
+    /// Left image, rectified: PNG, JPEG, TIFF, WebP, BMP, PGM or PPM, in colour or grey; - reads
+    /// standard input.
     left: PathBuf,
-    /// Right image, of the same size.
+    /// Right image, of the same size; where one of the two is grey, grey is matched.
     right: PathBuf,
     /// Disparity map to write: .png or .pgm (value = disparity x scale, 0 = none), .pfm (px,
     /// infinity = none), or - for a PFM on standard output.
@@ -66,6 +68,10 @@ pub struct Match {
     /// Match the grey of colour images.
     #[arg(long)]
     grey: bool,
+    /// Bits that images of 16 bits use, 8 to 16, such as 12 for a camera of 12 bits [default: as many as
+    /// the largest level of the pair has].
+    #[arg(long, value_name = "N", value_parser = parse_bits)]
+    bits: Option<u8>,
     /// Leave out disparities that were filled in rather than found.
     #[arg(long)]
     sparse: bool,
@@ -105,21 +111,16 @@ impl Match {
                 path.display()
             );
         }
-        let left = read_image(&self.left)?.into_rgb8();
-        let right = read_image(&self.right)?.into_rgb8();
+        let stdin = Path::new("-");
         ensure!(
-            left.dimensions() == right.dimensions(),
-            "{} is {}x{}, but {} is {}x{}: a rectified pair has one size",
-            self.left.display(),
-            left.width(),
-            left.height(),
-            self.right.display(),
-            right.width(),
-            right.height()
+            self.left != stdin || self.right != stdin,
+            "standard input has one image: give the other by its name"
         );
-        let views = Views::new(&left, &right, self.grey)
-            .with_context(|| self.left.display().to_string())?;
-        let width = views.width;
+        // What can be refused is, before anything is decoded.
+        let left = ImageFile::open(&self.left)?;
+        let right = ImageFile::open(&self.right)?;
+        let (width, height) = left.dimensions();
+        let width = u16::try_from(width)?;
         let disparities = self.disparities(width)?;
         let format = DisparityFormat::choose(&self.out, self.scale, disparities)?;
         let parameters = self.overrides.apply(self.preset)?;
@@ -128,9 +129,17 @@ impl Match {
                 View::Left => Reference::Left,
                 View::Right => Reference::Right,
             },
-            colour: views.has_colour(),
             output: output_of(self.sparse),
             ..Config::new(parameters, width, disparities)
+        };
+        config.validate()?;
+        let images = ViewImages::decode(&left, &right, self.bits)?;
+        drop((left, right));
+        let views = Views::new(images.left, images.right, self.grey)
+            .with_context(|| self.left.display().to_string())?;
+        let config = Config {
+            colour: views.has_colour(),
+            ..config
         };
         let matched = match_frame(&config, &views, NativeKernels::fastest(), self.threads)?;
         let map = &matched.disparities_q4;
@@ -151,14 +160,17 @@ impl Match {
         let mut text = format!(
             "{}: {}x{} px, disparities {} to {}, {} ms, {} KiB of working memory, {} lines of latency\n",
             name_of(&parameters, self.preset),
-            left.width(),
-            left.height(),
+            width,
+            height,
             disparities.range_px().start,
             disparities.range_px().end - 1,
             milliseconds(matched.time),
             kib(matched.working_bytes),
             matched.latency_lines
         );
+        if let Some(bits) = images.bits {
+            writeln!(text, "{}", bits_note(bits))?;
+        }
         let found = matched.confidences.iter().filter(|&&c| c > 0).count();
         let percent = found * 100 / matched.confidences.len().max(1);
         let rest = if self.sparse {

@@ -5,4 +5,5 @@ mod eval;
 mod experiments;
 mod fixture;
 mod general;
+mod images;
 mod matching;

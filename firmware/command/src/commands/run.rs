@@ -10,7 +10,8 @@ use vgstereo_firmware::camera::PixelFormat;
 use vgstereo_firmware::scripted::{NotAFault, ScriptedFault};
 use vgstereo_sim::arguments::parse_preset;
 use vgstereo_sim::disparity_files::DisparityFormat;
-use vgstereo_sim::files::{read_image, write_files};
+use vgstereo_sim::files::write_files;
+use vgstereo_sim::images::{ImageFile, ViewImages};
 
 use super::selection::parse_board;
 use crate::board::{Board, Model};
@@ -189,23 +190,17 @@ impl Run {
                 |built_for| model::built_in_pair(&built_for),
             ));
         };
-        let pair = Pair {
+        let views = ViewImages::decode(&ImageFile::open(left)?, &ImageFile::open(right)?, None)?;
+        Ok(Pair {
             name: left.display().to_string(),
-            left: read_image(left)?.into_rgb8(),
-            right: read_image(right)?.into_rgb8(),
+            left: views.left,
+            right: views.right,
             format: PixelFormat::Grey8,
             disparities: self.board.model.map_or(
                 DisparityRange::up_to(DEFAULT_DISPARITIES - 1),
                 |built_for| DisparityRange::up_to(built_for.disparities - 1),
             ),
-        };
-        ensure!(
-            pair.left.dimensions() == pair.right.dimensions(),
-            "{} and {} differ in size",
-            left.display(),
-            right.display()
-        );
-        Ok(pair)
+        })
     }
 }
 

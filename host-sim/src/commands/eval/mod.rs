@@ -8,9 +8,10 @@ use serde::Serialize;
 use vgstereo_core::Preset;
 
 use crate::arguments::{Overrides, name_of, output_of, parse_preset};
-use crate::dataset::{ensure_distinct, find_scenes, load_scene};
+use crate::dataset::{ensure_distinct, find_scenes, load_scene_with};
 use crate::files::{make_folder, write_png};
 use crate::frame::Matched;
+use crate::images::{bits_note, parse_bits};
 use crate::line_offset::{LineOffset, lowered};
 use crate::pictures::{colour_disparities, error_map};
 use crate::prepared::Prepared;
@@ -52,6 +53,10 @@ pub struct Eval {
     /// Match the grey of colour images.
     #[arg(long)]
     grey: bool,
+    /// Bits that views of 16 bits use, 8 to 16 [default: as many as the largest level of the pair
+    /// has].
+    #[arg(long, value_name = "N", value_parser = parse_bits)]
+    bits: Option<u8>,
     /// Leave out what was filled in: percentages are of the disparities found, `invalid` is
     /// the share of pixels without one.
     #[arg(long)]
@@ -132,6 +137,10 @@ impl Eval {
         // Scenes are the outer loop, so that one of them is in memory at a time.
         for folder in folders {
             let prepared = self.load(folder)?;
+            if let Some(bits) = prepared.scene.bits {
+                let name = &prepared.scene.name;
+                bar.suspend(|| eprintln!("{name}: {}", bits_note(bits)));
+            }
             for (&(seed, preset), reports) in runs.iter().zip(&mut reports) {
                 let overrides = Overrides {
                     seed,
@@ -160,7 +169,7 @@ impl Eval {
 
     /// Loads a scene, with the right view lowered as `--line-offset` says.
     fn load(&self, folder: &Path) -> Result<Prepared> {
-        let mut scene = load_scene(folder)?;
+        let mut scene = load_scene_with(folder, self.bits)?;
         if self.line_offset.px != 0.0 {
             scene.right = lowered(&scene.right, self.line_offset.px);
         }

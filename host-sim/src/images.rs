@@ -1,0 +1,300 @@
+//! Reading of images: PNG, JPEG, TIFF, WebP, BMP and the portable maps PGM, PPM and PBM.
+//!
+//! Images are turned upright as their orientation tag says. A header is looked at before
+//! anything is decoded, and an image that is larger than is stated here, or that breaks off, is
+//! refused.
+
+use std::fs::File;
+use std::io::{Cursor, Read};
+use std::path::Path;
+
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use image::metadata::Orientation;
+use image::{
+    ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits, Rgb, RgbImage,
+};
+
+/// Largest number of pixels along a side of an image.
+pub const SIDE_MAX_PX: u32 = 65_535;
+/// Largest number of pixels of an image.
+pub const PIXELS_MAX: u64 = 1 << 26;
+/// Largest number of bytes of an image file: an uncompressed image of [`PIXELS_MAX`] pixels, with
+/// room to spare.
+const FILE_BYTES_MAX: u64 = 1 << 30;
+
+/// An image file whose header was read.
+#[derive(Debug)]
+pub struct ImageFile {
+    name: String,
+    bytes: Vec<u8>,
+    format: ImageFormat,
+    width: u32,
+    height: u32,
+}
+
+impl ImageFile {
+    /// Reads a file into memory and looks at its header. The format is recognised from the content,
+    /// not from the name. `-` is standard input.
+    ///
+    /// # Errors
+    /// Fails with one line that names the file and the reason.
+    pub fn open(path: &Path) -> Result<Self> {
+        let name = path.display().to_string();
+        let read = |reader: &mut dyn Read| -> std::io::Result<Vec<u8>> {
+            let mut bytes = Vec::new();
+            reader.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes)?;
+            Ok(bytes)
+        };
+        let bytes = if path == Path::new("-") {
+            read(&mut std::io::stdin().lock())
+        } else {
+            File::open(path).and_then(|mut file| read(&mut file))
+        };
+        Self::from_bytes(bytes.with_context(|| format!("cannot read {name}"))?, &name)
+    }
+
+    /// Looks at the header of an image file in memory; `name` is for messages.
+    ///
+    /// # Errors
+    /// Fails with one line that gives name and reason: the format is none of those that are read,
+    /// the header is damaged, or the image is empty or too large.
+    pub fn from_bytes(bytes: Vec<u8>, name: &str) -> Result<Self> {
+        let refused = |reason: String| anyhow!("cannot read {name}: {reason}");
+        let guessed = ImageReader::new(Cursor::new(&bytes)).with_guessed_format();
+        let Some(format) = guessed.ok().and_then(|reader| reader.format()) else {
+            return Err(refused(
+                "neither PNG, JPEG, TIFF, WebP, BMP nor a portable map".to_owned(),
+            ));
+        };
+        let mut file = Self {
+            name: name.to_owned(),
+            bytes,
+            format,
+            width: 0,
+            height: 0,
+        };
+        ensure!(
+            file.bytes.len() as u64 <= FILE_BYTES_MAX,
+            refused(format!("it has more than {FILE_BYTES_MAX} bytes"))
+        );
+        let mut decoder = file.decoder()?;
+        let (mut width, mut height) = decoder.dimensions();
+        let turned = matches!(
+            decoder.orientation(),
+            Ok(Orientation::Rotate90
+                | Orientation::Rotate270
+                | Orientation::Rotate90FlipH
+                | Orientation::Rotate270FlipH)
+        );
+        drop(decoder);
+        if turned {
+            (width, height) = (height, width);
+        }
+        (file.width, file.height) = (width, height);
+        ensure!(
+            width > 0 && height > 0,
+            refused("the image is empty".to_owned())
+        );
+        ensure!(
+            width.max(height) <= SIDE_MAX_PX && u64::from(width) * u64::from(height) <= PIXELS_MAX,
+            refused(format!(
+                "{width}x{height} px is too large: at most {SIDE_MAX_PX} px a side and {PIXELS_MAX} px in all are read"
+            ))
+        );
+        Ok(file)
+    }
+
+    /// Width and height of the upright image, px.
+    #[must_use]
+    pub fn dimensions(&self) -> (u32, u32) {
+        (self.width, self.height)
+    }
+
+    /// Decodes the image and turns it upright.
+    ///
+    /// # Errors
+    /// Fails with one line that names the file and the reason: it is damaged or breaks off.
+    pub fn decode(&self) -> Result<DynamicImage> {
+        if self.format == ImageFormat::Jpeg {
+            ensure!(
+                jpeg_has_end(&self.bytes),
+                "cannot read {}: the JPEG breaks off before its end",
+                self.name
+            );
+        }
+        let mut decoder = self.decoder()?;
+        let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+        let mut image = DynamicImage::from_decoder(decoder).map_err(|e| self.refused(&e))?;
+        image.apply_orientation(orientation);
+        Ok(image)
+    }
+
+    /// Whether the file states how many of the bits of its levels are used, as a portable map does by
+    /// its largest value: its levels are scaled to the full range when they are read.
+    fn states_depth(&self) -> bool {
+        self.format == ImageFormat::Pnm
+    }
+
+    fn decoder(&self) -> Result<impl ImageDecoder + '_> {
+        let mut reader = ImageReader::with_format(Cursor::new(&self.bytes), self.format);
+        let mut limits = Limits::default();
+        limits.max_image_width = Some(SIDE_MAX_PX);
+        limits.max_image_height = Some(SIDE_MAX_PX);
+        // Four channels of 16 bits.
+        limits.max_alloc = Some(8 * PIXELS_MAX);
+        reader.limits(limits);
+        reader.into_decoder().map_err(|error| self.refused(&error))
+    }
+
+    fn refused(&self, error: &dyn std::fmt::Display) -> anyhow::Error {
+        anyhow!("cannot read {}: {error}", self.name)
+    }
+}
+
+/// Reads an image file.
+///
+/// # Errors
+/// Fails with one line that names the file and the reason; see [`ImageFile`].
+pub fn read_image(path: &Path) -> Result<DynamicImage> {
+    ImageFile::open(path)?.decode()
+}
+
+/// Whether the segments of a JPEG go on to the marker of its end. Decoders take one that breaks off
+/// for a whole image whose lower part is grey.
+fn jpeg_has_end(bytes: &[u8]) -> bool {
+    let mut rest = bytes;
+    loop {
+        // Within a scan, 0xff is followed by 0 or by a restart marker; any number of 0xff may come
+        // before a marker.
+        let Some(at) = rest.iter().position(|&byte| byte == 0xff) else {
+            return false;
+        };
+        let Some((&marker, after)) = rest.get(at + 1..).and_then(|rest| rest.split_first()) else {
+            return false;
+        };
+        rest = match marker {
+            0xd9 => return true,
+            0xff => &rest[at + 1..],
+            // No segment follows: a stuffed byte, a restart, the start of the image.
+            0x00 | 0x01 | 0xd0..=0xd8 => after,
+            _ => match after.first_chunk() {
+                Some(length) => after
+                    .get(u16::from_be_bytes(*length).into()..)
+                    .unwrap_or(&[]),
+                None => return false,
+            },
+        };
+    }
+}
+
+/// Two views as 8 bits of red, green and blue.
+#[derive(Debug)]
+pub struct ViewImages {
+    /// The left view.
+    pub left: RgbImage,
+    /// The right view, of the same size.
+    pub right: RgbImage,
+    /// How many bits of their 16 the levels use, if they do not use all.
+    pub bits: Option<u8>,
+}
+
+impl ViewImages {
+    /// Decodes a pair of views. Of levels with 16 bits the upper 8 of those are kept that the pair
+    /// uses: `bits` of them, 8 to 16, or else the fewest that hold the largest level of both views,
+    /// as cameras of 10 or 12 bits store theirs in files of 16. A view of 8 bits is taken as it is.
+    /// Alpha is ignored.
+    ///
+    /// # Errors
+    /// Fails with one line that names the file and the reason: one cannot be decoded, they differ in
+    /// size, or their levels are floating-point numbers.
+    pub fn decode(left: &ImageFile, right: &ImageFile, bits: Option<u8>) -> Result<Self> {
+        ensure!(
+            left.dimensions() == right.dimensions(),
+            "{} is {}x{}, but {} is {}x{}: a rectified pair has one size",
+            left.name,
+            left.width,
+            left.height,
+            right.name,
+            right.width,
+            right.height
+        );
+        let mut images = Vec::new();
+        let mut largest = None;
+        let mut states_depth = false;
+        for file in [left, right] {
+            let image = file.decode()?;
+            match image.color() {
+                ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => {
+                    largest = largest.max(Some(largest_level(&image)));
+                    states_depth |= file.states_depth();
+                }
+                ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => {}
+                _ => bail!(
+                    "cannot read {}: its levels are floating-point numbers; give it 8 or 16 bits",
+                    file.name
+                ),
+            }
+            images.push(image);
+        }
+        let used = match (largest, bits) {
+            (None, _) => None,
+            (Some(_), Some(bits)) => Some(bits.clamp(8, 16)),
+            (Some(_), None) if states_depth => Some(16),
+            (Some(largest), None) => Some((16 - largest.leading_zeros() as u8).max(8)),
+        };
+        let mut views = images.into_iter().map(|image| match used {
+            Some(bits) => with_upper_bits(image, bits),
+            None => image.into_rgb8(),
+        });
+        let (Some(left), Some(right)) = (views.next(), views.next()) else {
+            bail!("a pair has two views");
+        };
+        Ok(Self {
+            left,
+            right,
+            bits: used.filter(|&bits| bits < 16),
+        })
+    }
+}
+
+/// Returns the number of used bits that a text states.
+///
+/// # Errors
+/// Fails with one line that states the range.
+pub fn parse_bits(text: &str) -> Result<u8, String> {
+    let bits = text.parse().ok().filter(|bits| (8..=16).contains(bits));
+    bits.ok_or_else(|| "it must be from 8 to 16".to_owned())
+}
+
+/// Returns a line that tells that images of 16 bits were read as if they had `bits`.
+#[must_use]
+pub fn bits_note(bits: u8) -> String {
+    format!("the images of 16 bits use {bits} of them: --bits N takes another number")
+}
+
+/// The largest level of an image of 16 bits, in any channel but alpha.
+fn largest_level(image: &DynamicImage) -> u16 {
+    let largest = |levels: &[u16]| levels.iter().copied().max().unwrap_or(0);
+    match image {
+        DynamicImage::ImageLuma16(image) => largest(image.as_raw()),
+        DynamicImage::ImageRgb16(image) => largest(image.as_raw()),
+        image => largest(image.to_rgb16().as_raw()),
+    }
+}
+
+/// Returns the upper 8 of the lower `bits` bits of each level of an image of 16 bits; an image of 8
+/// bits as it is.
+fn with_upper_bits(image: DynamicImage, bits: u8) -> RgbImage {
+    let narrow = |level: u16| u8::try_from(level >> (bits - 8)).unwrap_or(u8::MAX);
+    match image.color() {
+        ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => {
+            let wide = image.into_rgb16();
+            let mut levels = RgbImage::new(wide.width(), wide.height());
+            for (pixel, wide) in levels.pixels_mut().zip(wide.pixels()) {
+                *pixel = Rgb(wide.0.map(narrow));
+            }
+            levels
+        }
+        _ => image.into_rgb8(),
+    }
+}
