@@ -58,7 +58,8 @@ def bad_pixels(scene, threshold, gain=1.0, offset=0.0):
         if (scene / f"{mask}.png").is_file():
             inside = (read(f"{mask}.png", cv2.IMREAD_GRAYSCALE) == 255) & (truth > 0)
             rates.append(100 * bad[inside].mean())
-    return statistics.mean(rates)
+    # Without a mask, all known truth counts.
+    return statistics.mean(rates or [100 * bad[truth > 0].mean()])
 
 
 def main():

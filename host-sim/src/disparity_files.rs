@@ -6,6 +6,8 @@ use std::path::Path;
 use anyhow::{Result, bail, ensure};
 use vgstereo_core::{DisparityRange, INVALID, STEPS_PER_PX};
 
+use crate::pfm::Pfm;
+
 /// A file format for disparity maps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum DisparityFormat {
@@ -125,7 +127,17 @@ impl DisparityFormat {
             wide,
         } = self
         else {
-            return Ok(pfm(disparities_q4, width, height));
+            let px = |&disparity_q4: &i16| match disparity_q4 {
+                INVALID => f32::INFINITY,
+                known => f32::from(known) / f32::from(STEPS_PER_PX),
+            };
+            let values = disparities_q4.iter().map(px).collect();
+            let map = Pfm {
+                width,
+                height,
+                values,
+            };
+            return Ok(map.to_bytes());
         };
         let values = disparities_q4.iter().map(|&d| scaled(d, scale));
         let bytes: Vec<u8> = if wide {
@@ -171,21 +183,6 @@ fn scaled(disparity_q4: i16, scale: f32) -> u16 {
     let value = f32::from(disparity_q4) / f32::from(STEPS_PER_PX) * scale;
     // A saturating cast of a value that is at least 1.
     value.round().max(1.0) as u16
-}
-
-fn pfm(disparities_q4: &[i16], width: u32, height: u32) -> Vec<u8> {
-    let mut bytes = format!("Pf\n{width} {height}\n-1.0\n").into_bytes();
-    for line in disparities_q4.chunks(width.max(1) as usize).rev() {
-        for &disparity_q4 in line {
-            let px = if disparity_q4 == INVALID {
-                f32::INFINITY
-            } else {
-                f32::from(disparity_q4) / f32::from(STEPS_PER_PX)
-            };
-            bytes.extend(px.to_le_bytes());
-        }
-    }
-    bytes
 }
 
 #[cfg(test)]

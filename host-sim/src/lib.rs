@@ -1,8 +1,8 @@
 //! The host simulator of vgstereo. It feeds the core that firmware links with stored images and
 //! rendered scenes.
 //!
-//! From the bottom up: [`files`], [`images`], [`disparity_files`] and [`parameters`] read and
-//! write files.
+//! From the bottom up: [`files`], [`images`], [`pfm`],
+//! [`disparity_files`] and [`parameters`] read and write files.
 //! [`scene`] and [`views`] hold stereo pairs, [`dataset`] loads them, [`render`] makes one, and
 //! [`exposure`] and [`line_offset`] let the right camera differ from the left. [`camera`] and
 //! [`sink`] are the two ends of a firmware's session. [`mod@frame`] matches whole frames with the kernels of
@@ -24,6 +24,7 @@ pub mod line_offset;
 pub mod metrics;
 pub mod pair_check;
 pub mod parameters;
+pub mod pfm;
 pub mod pictures;
 pub mod prepared;
 pub mod published;

@@ -4,22 +4,21 @@ use std::fmt::Display;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma};
-use serde::{Deserialize, Serialize};
 
 use crate::files::{encode, make_folder, write_files};
-use crate::images::{ImageFile, ViewImages, read_image};
+use crate::images::{ImageFile, ViewImages};
 use crate::scene::{GroundTruth, Mask, Scene};
 
-/// The keys that `meta.toml` of a scene must have. Other keys are ignored.
-#[derive(Debug, Serialize, Deserialize)]
-struct Meta {
-    /// The largest disparity to search, px.
-    d_max: u16,
-    /// The steps per px of the stored ground truth.
-    gt_scale: f32,
-}
+mod mask;
+mod meta;
+mod truth;
+mod values;
+
+pub use mask::StoredMask;
+pub use meta::Meta;
+pub use truth::{SCALE_RANGE, Truth};
 
 /// Returns the folders of scenes in `folder`. Without `names`, these are its sub-folders that
 /// have a left view, sorted by name. With `names`, they are the named ones in that order; a name
@@ -80,10 +79,11 @@ pub fn ensure_distinct<T: PartialEq + Display>(what: &str, list: &[T]) -> Result
 
 /// Loads the scene in a folder.
 ///
-/// The folder must have the views `left.png` and `right.png`, the ground truth `gt_left.png`
-/// (8 or 16 bits, 0 for unknown), and `meta.toml` with `d_max` in px and `gt_scale` in steps per
-/// px. It may have the ground truth `gt_right.png` and the masks `nonocc.png`, `all.png` and
-/// `disc.png`, in which pixels of level 255 count.
+/// The folder must have the views `left.png` and `right.png`, which may be of any format that is
+/// read, the ground truth `gt_left.png` or `gt_left.pfm` (see [`Truth`]), and `meta.toml` with `d_max`
+/// in px and, for a PNG, `gt_scale` in steps per px. It may have the ground truth `gt_right.png` or
+/// `gt_right.pfm` and the masks `nonocc.png`, `all.png` and `disc.png` (see [`StoredMask`]). Without
+/// any mask, all pixels with a known truth count, as those of `all`.
 ///
 /// # Errors
 /// Fails with one line that names the file and the reason.
@@ -104,34 +104,54 @@ pub fn load_scene_with(folder: &Path, bits: Option<u8>) -> Result<Scene> {
     let meta_path = folder.join("meta.toml");
     let text = fs::read_to_string(&meta_path)
         .with_context(|| format!("cannot read {}", meta_path.display()))?;
-    let meta: Meta = toml::from_str(&text)
-        .map_err(|error| anyhow::anyhow!("{}: {}", meta_path.display(), error.message()))?;
-    ensure!(
-        meta.gt_scale > 0.0,
-        "{}: gt_scale must be above 0",
-        meta_path.display()
-    );
+    let meta = Meta::parse(&text, &meta_path.display().to_string())?;
     let views = ["left.png", "right.png"].map(|file| ImageFile::open(&folder.join(file)));
     let [left, right] = views;
     let views = ViewImages::decode(&left?, &right?, bits)?;
     let size = views.left.dimensions();
-    let load = |file: &str| -> Result<DynamicImage> {
+    let truth = |view: &str| -> Result<Option<Vec<f32>>> {
+        for extension in ["png", "pfm"] {
+            let path = folder.join(format!("gt_{view}.{extension}"));
+            if path.is_file() {
+                let name = path.display().to_string();
+                ensure!(
+                    extension != "png" || meta.gt_scale.is_some(),
+                    "{}: gt_scale is missing, the steps per px of {name}",
+                    meta_path.display()
+                );
+                let truth = Truth::from_bytes(&read(&path)?, meta.gt_scale, &name)?;
+                ensure_size(&path, (truth.width, truth.height), size)?;
+                return Ok(Some(truth.px));
+            }
+        }
+        Ok(None)
+    };
+    let mask = |file: &str| -> Result<Option<Mask>> {
         let path = folder.join(file);
-        let image = read_image(&path)?;
-        ensure_size(&path, &image, size)?;
-        Ok(image)
+        if !path.is_file() {
+            return Ok(None);
+        }
+        let mask = StoredMask::from_bytes(&read(&path)?, &path.display().to_string())?;
+        ensure_size(&path, (mask.width, mask.height), size)?;
+        Ok(Some(mask.pixels))
     };
-    let optional = |file: &str| -> Result<Option<DynamicImage>> {
-        folder.join(file).is_file().then(|| load(file)).transpose()
-    };
-    let mask = |file: &str| -> Result<Option<Mask>> { Ok(optional(file)?.map(to_mask)) };
-    let truth = GroundTruth {
-        left_px: to_disparities(load("gt_left.png")?, meta.gt_scale),
-        right_px: optional("gt_right.png")?.map(|image| to_disparities(image, meta.gt_scale)),
+    let left_px = truth("left")?.with_context(|| {
+        format!(
+            "{} has neither gt_left.png nor gt_left.pfm",
+            folder.display()
+        )
+    })?;
+    let mut truth = GroundTruth {
+        right_px: truth("right")?,
         nonocc: mask("nonocc.png")?,
         all: mask("all.png")?,
         disc: mask("disc.png")?,
+        left_px,
     };
+    if truth.nonocc.is_none() && truth.all.is_none() && truth.disc.is_none() {
+        let known: Vec<bool> = truth.left_px.iter().map(|px| !px.is_nan()).collect();
+        truth.all = Some(known.into());
+    }
     Ok(Scene {
         name,
         left: views.left,
@@ -140,6 +160,10 @@ pub fn load_scene_with(folder: &Path, bits: Option<u8>) -> Result<Scene> {
         d_max: meta.d_max,
         truth: Some(truth),
     })
+}
+
+fn read(path: &Path) -> Result<Vec<u8>> {
+    fs::read(path).with_context(|| format!("cannot read {}", path.display()))
 }
 
 /// Saves a scene that has ground truth in a folder, which is made if it does not exist, so that
@@ -156,7 +180,7 @@ pub fn save_scene(folder: &Path, scene: &Scene) -> Result<()> {
     let gt_scale = f32::from(u16::MAX / scene.d_max.max(1)).min(256.0);
     let meta = Meta {
         d_max: scene.d_max,
-        gt_scale,
+        gt_scale: Some(gt_scale),
     };
     let disparities = |px: &[f32]| -> Result<DynamicImage> {
         // 0 is unknown, as casts make of NaN; they saturate.
@@ -205,42 +229,18 @@ pub fn save_scene(folder: &Path, scene: &Scene) -> Result<()> {
     write_files(&files)
 }
 
-/// Checks that an image is as large as the left view of its scene.
-fn ensure_size(path: &Path, image: &DynamicImage, (width, height): (u32, u32)) -> Result<()> {
-    if (image.width(), image.height()) != (width, height) {
-        bail!(
-            "{} is {}x{}, but the left view is {width}x{height}",
-            path.display(),
-            image.width(),
-            image.height()
-        );
-    }
+/// Checks that a file's image is as large as the left view of its scene.
+fn ensure_size(path: &Path, found: (u32, u32), view: (u32, u32)) -> Result<()> {
+    ensure!(
+        found == view,
+        "{} is {}x{}, but the left view is {}x{}",
+        path.display(),
+        found.0,
+        found.1,
+        view.0,
+        view.1
+    );
     Ok(())
-}
-
-/// Returns the disparities of an image of ground truth, px; NaN where the level is 0.
-fn to_disparities(image: DynamicImage, scale: f32) -> Vec<f32> {
-    let px = |value: u16| match value {
-        0 => f32::NAN,
-        known => f32::from(known) / scale,
-    };
-    // A conversion between depths would rescale the values.
-    match image {
-        DynamicImage::ImageLuma16(image) => image.into_raw().into_iter().map(px).collect(),
-        image => {
-            let values = image.into_luma8().into_raw().into_iter();
-            values.map(|value| px(value.into())).collect()
-        }
-    }
-}
-
-/// Returns the mask of an image: pixels of level 255 count.
-fn to_mask(image: DynamicImage) -> Mask {
-    let values = image.into_luma8().into_raw().into_iter();
-    values
-        .map(|value| value == u8::MAX)
-        .collect::<Vec<bool>>()
-        .into()
 }
 
 #[cfg(test)]
