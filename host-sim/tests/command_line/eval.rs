@@ -303,6 +303,10 @@ fn eval_and_sweep_refuse_bad_folders() {
         fixture.refuses(twice, &[words, "twice"]);
     }
     fixture.refuses(&["sweep", "set", "--synapses", "20"], &["synapses"]);
+    let mut tiny = std::io::Cursor::new(Vec::new());
+    let pixel = GrayImage::from_pixel(1, 1, Luma([255]));
+    pixel.write_to(&mut tiny, image::ImageFormat::Png).unwrap();
+    let tiny = tiny.into_inner();
     for (file, bytes, words) in [
         (
             "meta.toml",
@@ -320,11 +324,7 @@ fn eval_and_sweep_refuse_bad_folders() {
             &["a", "disparities"],
         ),
         ("gt_left.png", b"", &["set/a/gt_left.png"]),
-        (
-            "all.png",
-            b"P5 1 1 255\n0",
-            &["set/a/all.png", "1x1", "80x40"],
-        ),
+        ("all.png", &tiny, &["set/a/all.png", "1x1", "80x40"]),
     ] {
         let path = fixture.path("set/a").join(file);
         let kept = fs::read(&path).unwrap();
