@@ -3,6 +3,7 @@
 //!
 //! From the bottom up: [`files`], [`images`], [`disparity_files`] and [`parameters`] read and
 //! write files.
+//! [`mod@calibration`] makes rectifications from calibration files.
 //! [`scene`] and [`views`] hold stereo pairs, [`dataset`] loads them, [`render`] makes one, and
 //! [`exposure`] and [`line_offset`] let the right camera differ from the left. [`camera`] and
 //! [`sink`] are the two ends of a firmware's session. [`mod@frame`] matches whole frames with the kernels of
@@ -12,6 +13,7 @@
 //! [`terminal`] serve the [`commands`] of `vgstereo`.
 
 pub mod arguments;
+pub mod calibration;
 pub mod camera;
 pub mod commands;
 pub mod dataset;
