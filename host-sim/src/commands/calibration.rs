@@ -228,3 +228,42 @@ fn parse_unit(text: &str) -> Result<f64, String> {
             .ok_or_else(|| "a unit is mm, cm, m, or a number of millimetres above 0".to_owned()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_rust_source_compiles_to_the_bytes() {
+        let bytes: Vec<u8> = (0..=255).collect();
+        let source = rust_source(&bytes);
+        let check = "\nfn main() { for (at, byte) in CALIBRATION.iter().enumerate() { \
+                     assert_eq!(at, usize::from(*byte)); } assert_eq!(CALIBRATION.len(), 256); }\n";
+        let folder = tempfile::tempdir().unwrap();
+        let (file, program) = (folder.path().join("cal.rs"), folder.path().join("cal"));
+        fs::write(&file, source + check).unwrap();
+        let run = |command: &mut std::process::Command| command.status().unwrap().success();
+        // Cargo, which runs this test, comes with it.
+        assert!(run(std::process::Command::new("rustc")
+            .args(["--edition", "2024", "-D", "warnings", "-o"])
+            .args([&program, &file])));
+        assert!(run(&mut std::process::Command::new(&program)));
+    }
+
+    #[test]
+    fn options_are_understood_or_refused() {
+        assert_eq!(parse_size("640x480"), Ok([640, 480]));
+        assert!(parse_size("640").is_err() && parse_size("0x480").is_err());
+        assert_eq!(parse_keep("valid"), Ok(Keep::Valid));
+        assert_eq!(
+            parse_keep("40,30,560x420"),
+            Ok(Keep::Crop([40, 30, 560, 420]))
+        );
+        assert!(parse_keep("most").is_err() && parse_keep("1,2,3").is_err());
+        assert_eq!(parse_unit("cm"), Ok(10.0));
+        assert_eq!(parse_unit("25.4"), Ok(25.4));
+        assert!(
+            parse_unit("0").is_err() && parse_unit("inf").is_err() && parse_unit("ft").is_err()
+        );
+    }
+}
