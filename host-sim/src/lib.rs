@@ -1,8 +1,8 @@
 //! The host simulator of vgstereo. It feeds the core that firmware links with stored images and
 //! rendered scenes.
 //!
-//! From the bottom up: [`files`], [`images`], [`pfm`],
-//! [`disparity_files`] and [`parameters`] read and write files.
+//! From the bottom up: [`files`], [`images`], [`pfm`], [`disparity_files`] and [`parameters`] read
+//! and write files. [`mod@calibration`] makes rectifications from calibration files.
 //! [`scene`] and [`views`] hold stereo pairs, [`dataset`] loads them, [`render`] makes one, and
 //! [`exposure`] and [`line_offset`] let the right camera differ from the left. [`camera`] and
 //! [`sink`] are the two ends of a firmware's session. [`mod@frame`] matches whole frames with the kernels of
@@ -12,6 +12,7 @@
 //! [`terminal`] serve the [`commands`] of `vgstereo`.
 
 pub mod arguments;
+pub mod calibration;
 pub mod camera;
 pub mod commands;
 pub mod dataset;

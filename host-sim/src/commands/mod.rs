@@ -7,6 +7,7 @@ use clap_complete::Shell;
 use crate::terminal::Said;
 
 pub mod ablate;
+pub mod calibration;
 pub mod demo;
 pub mod eval;
 pub mod exposure;
@@ -34,6 +35,8 @@ enum Command {
     Demo(demo::Demo),
     /// Match a rectified pair of images and write its disparity map.
     Match(matching::Match),
+    /// Make the rectification of two real cameras from their calibration files.
+    Calibration(calibration::Calibration),
     /// Measure presets on scenes with ground truth: percentages of bad pixels.
     Eval(eval::Eval),
     /// Measure the error over the number of synapses and sigma: the paper's Figures 3 to 6.
@@ -63,6 +66,7 @@ impl CommandLine {
         let text = match self.command.unwrap_or(Command::Demo(self.demo)) {
             Command::Demo(demo) => demo.run()?,
             Command::Match(matching) => return matching.run(),
+            Command::Calibration(calibration) => calibration.run()?,
             Command::Eval(eval) => eval.run()?,
             Command::Sweep(sweep) => sweep.run()?,
             Command::Ablate(ablate) => ablate.run()?,

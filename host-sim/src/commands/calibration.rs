@@ -1,0 +1,269 @@
+//! `vgstereo calibration`: makes the rectification of a pair of cameras from its calibration files.
+
+use std::fmt::Write;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+use vgstereo_core::geometry::Rectifier;
+
+use crate::calibration::{ERROR_MAX_PX, Keep, Options, Rectified, rectify};
+use crate::files::write_files;
+use crate::tables::kib;
+
+/// The arguments of `vgstereo calibration`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "The files are those of OpenCV (YAML, XML, JSON or .npy; one file, or intrinsics and\n\
+    extrinsics), of ROS (camera_info of the left and the right camera), Kalibr (camchain),\n\
+    EuRoC (sensor.yaml of both) or BoofCV.\n\n\
+    Example: vgstereo calibration intrinsics.yml extrinsics.yml --size 640x480 --unit cm --out cal.vgr"
+)]
+pub struct Calibration {
+    /// Calibration files of one pair of cameras; of two files of a camera each, the left one first.
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// Size of the raw views, px [default: as the files state].
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    size: Option<[u16; 2]>,
+    /// Size of the rectified views, px [default: that of the raw views].
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    view_size: Option<[u16; 2]>,
+    /// What the rectified views show: `all` that the cameras see, only `valid` pixels, or the part
+    /// X,Y,WxH of the views [default: as the files' own rectification, or else `valid`].
+    #[arg(long, value_name = "KEEP", value_parser = parse_keep)]
+    keep: Option<Keep>,
+    /// Unit of the files' translation: mm, cm, m, or millimetres as a number, such as the side of
+    /// the board's squares.
+    #[arg(long, value_name = "UNIT", value_parser = parse_unit)]
+    unit: Option<f64>,
+    /// The camera joins N by N pixels of those that the files are of.
+    #[arg(long, value_name = "N")]
+    binned: Option<u16>,
+    /// Rectification to write, for a device.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// The same as a Rust source, `pub static CALIBRATION`.
+    #[arg(long, value_name = "FILE")]
+    rust: Option<PathBuf>,
+}
+
+impl Calibration {
+    /// Makes the rectification, writes it and returns the text to print.
+    ///
+    /// # Errors
+    /// Fails with one line that names the file or option and the reason. Nothing is written then.
+    pub fn run(self) -> Result<String> {
+        let files = self
+            .files
+            .iter()
+            .map(|path| {
+                let bytes =
+                    fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+                Ok((path.display().to_string(), bytes))
+            })
+            .collect::<Result<Vec<_>>>()?;
+        if let (Some(out), Some(rust)) = (&self.out, &self.rust) {
+            ensure!(out != rust, "--out and --rust are both {}", out.display());
+        }
+        let made = rectify(
+            &files,
+            &Options {
+                size: self.size,
+                view_size: self.view_size,
+                keep: self.keep,
+                projections: None,
+                unit_mm: self.unit,
+                binned: self.binned,
+            },
+        )?;
+        let mut text = summary(&made)?;
+        let mut written: Vec<(&Path, Vec<u8>)> = Vec::new();
+        if let Some(path) = &self.out {
+            written.push((path, made.maps.bytes.clone()));
+        }
+        if let Some(path) = &self.rust {
+            written.push((path, rust_source(&made.maps.bytes).into_bytes()));
+        }
+        write_files(&written)?;
+        for (path, _) in &written {
+            writeln!(text, "wrote {}", path.display())?;
+        }
+        Ok(text)
+    }
+}
+
+/// What was understood, and what it costs.
+fn summary(made: &Rectified) -> Result<String> {
+    let (calibration, pair, maps) = (&made.calibration, &made.pair, &made.maps);
+    let mut text = String::new();
+    for (camera, side) in calibration.cameras.iter().zip(["left", "right"]) {
+        writeln!(
+            text,
+            "{side} camera: {}, focal length {:.1} x {:.1} px, principal point {:.1}, {:.1}",
+            camera.lens,
+            camera.focal_px.x,
+            camera.focal_px.y,
+            camera.principal_px.x,
+            camera.principal_px.y
+        )?;
+    }
+    let baseline = match calibration.unit_mm {
+        Some(unit_mm) => format!("baseline {:.1} mm", pair.baseline * unit_mm),
+        None => format!(
+            "baseline {:.4} in an unknown unit: there is no depth without --unit",
+            pair.baseline
+        ),
+    };
+    let turn = glam::DQuat::from_mat3(&calibration.rotation).to_scaled_axis();
+    writeln!(
+        text,
+        "{} calibration: {baseline}; the cameras are turned by {:.2} deg against each other",
+        calibration.format,
+        turn.length().to_degrees()
+    )?;
+    let [width, height] = pair.size;
+    let [raw_width, raw_height] = pair.raw_size;
+    let [across, down] = pair.field_of_view_deg();
+    writeln!(
+        text,
+        "rectified: {width}x{height} from {raw_width}x{raw_height} px, {}; focal length {:.1} px, \
+         principal points {:.1} and {:.1}, {:.1}",
+        if made.is_stored {
+            "as the files have it"
+        } else {
+            "by rotation and translation"
+        },
+        pair.focal_px,
+        pair.principal_px[0].x,
+        pair.principal_px[1].x,
+        pair.principal_px[0].y
+    )?;
+    writeln!(
+        text,
+        "field of view {across:.1} x {down:.1} deg; seen by the left camera {:.1} %, by the right one {:.1} %",
+        maps.valid[0] * 100.0,
+        maps.valid[1] * 100.0
+    )?;
+    let rectification = maps.rectification()?;
+    let kib_of = |colour| kib(4 * Rectifier::words(&rectification, colour));
+    writeln!(
+        text,
+        "maps: {} KiB, a knot every {} px, largest error {:.3} px",
+        kib(maps.bytes.len()),
+        maps.step_px,
+        maps.error_px
+    )?;
+    writeln!(
+        text,
+        "raw lines to keep: {} left, {} right; {} KiB in grey, {} KiB with colour",
+        rectification.left.kept_lines(),
+        rectification.right.kept_lines(),
+        kib_of(false),
+        kib_of(true)
+    )?;
+    for warning in &calibration.warnings {
+        writeln!(text, "warning: {warning}")?;
+    }
+    if maps.error_px > ERROR_MAX_PX {
+        writeln!(
+            text,
+            "warning: maps of the smallest step are off by more than {ERROR_MAX_PX} px: the lens bends \
+             more than they follow; keep a smaller part"
+        )?;
+    }
+    Ok(text)
+}
+
+/// A Rust source with these bytes.
+fn rust_source(bytes: &[u8]) -> String {
+    let mut source = format!(
+        "//! The rectification of a pair of cameras, for `vgstereo_core::geometry::Rectification::from_bytes`.\n\n\
+         /// Written by `vgstereo calibration`.\n\
+         pub static CALIBRATION: [u8; {}] = [\n",
+        bytes.len()
+    );
+    for line in bytes.chunks(20) {
+        let numbers: Vec<String> = line.iter().map(u8::to_string).collect();
+        source.push_str(&format!("    {},\n", numbers.join(", ")));
+    }
+    source.push_str("];\n");
+    source
+}
+
+fn parse_size(text: &str) -> Result<[u16; 2], String> {
+    let sides = text.split_once('x').and_then(|(width, height)| {
+        let sides = [width.parse().ok()?, height.parse().ok()?];
+        (sides.iter().all(|side| (1..=4096).contains(side))).then_some(sides)
+    });
+    sides.ok_or_else(|| "a size is WIDTHxHEIGHT from 1 to 4096 px, such as 640x480".to_owned())
+}
+
+fn parse_keep(text: &str) -> Result<Keep, String> {
+    let crop = || {
+        let mut parts = text.splitn(3, ',');
+        let (x, y) = (parts.next()?.parse().ok()?, parts.next()?.parse().ok()?);
+        let [width, height] = parse_size(parts.next()?).ok()?;
+        Some(Keep::Crop([x, y, width, height]))
+    };
+    match text {
+        "all" => Ok(Keep::All),
+        "valid" => Ok(Keep::Valid),
+        _ => crop().ok_or_else(|| {
+            "it is all, valid, or X,Y,WIDTHxHEIGHT, such as 40,30,560x420".to_owned()
+        }),
+    }
+}
+
+fn parse_unit(text: &str) -> Result<f64, String> {
+    match text {
+        "mm" => Ok(1.0),
+        "cm" => Ok(10.0),
+        "m" => Ok(1000.0),
+        _ => text
+            .parse()
+            .ok()
+            .filter(|&mm: &f64| (1e-3..=1e6).contains(&mm))
+            .ok_or_else(|| "a unit is mm, cm, m, or a number of millimetres above 0".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_rust_source_compiles_to_the_bytes() {
+        let bytes: Vec<u8> = (0..=255).collect();
+        let source = rust_source(&bytes);
+        let check = "\nfn main() { for (at, byte) in CALIBRATION.iter().enumerate() { \
+                     assert_eq!(at, usize::from(*byte)); } assert_eq!(CALIBRATION.len(), 256); }\n";
+        let folder = tempfile::tempdir().unwrap();
+        let (file, program) = (folder.path().join("cal.rs"), folder.path().join("cal"));
+        fs::write(&file, source + check).unwrap();
+        let run = |command: &mut std::process::Command| command.status().unwrap().success();
+        // Cargo, which runs this test, comes with it.
+        assert!(run(std::process::Command::new("rustc")
+            .args(["--edition", "2024", "-D", "warnings", "-o"])
+            .args([&program, &file])));
+        assert!(run(&mut std::process::Command::new(&program)));
+    }
+
+    #[test]
+    fn options_are_understood_or_refused() {
+        assert_eq!(parse_size("640x480"), Ok([640, 480]));
+        assert!(parse_size("640").is_err() && parse_size("0x480").is_err());
+        assert_eq!(parse_keep("valid"), Ok(Keep::Valid));
+        assert_eq!(
+            parse_keep("40,30,560x420"),
+            Ok(Keep::Crop([40, 30, 560, 420]))
+        );
+        assert!(parse_keep("most").is_err() && parse_keep("1,2,3").is_err());
+        assert_eq!(parse_unit("cm"), Ok(10.0));
+        assert_eq!(parse_unit("25.4"), Ok(25.4));
+        assert!(
+            parse_unit("0").is_err() && parse_unit("inf").is_err() && parse_unit("ft").is_err()
+        );
+    }
+}

@@ -1,0 +1,411 @@
+//! Calibrations of real cameras: files are read as the numbers that OpenCV read from them, and views are
+//! rectified as OpenCV rectifies them.
+//!
+//! The oracle is `meta.toml` and `corners.csv` beside the files, computed by OpenCV 5. The tests run if
+//! `UNRECTIFIED_DIR` names the folder; otherwise they are listed as ignored.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use glam::{DMat3, DVec2, DVec3};
+use libtest_mimic::{Arguments, Failed, Trial};
+use vgstereo_core::geometry::{Rectification, Rectifier, ViewMap};
+use vgstereo_sim::calibration::{
+    Keep, Lens, Maps, Options, RectifiedPair, StereoCalibration, checked, read, rectify,
+};
+
+/// The folders of pairs, with further files of the same calibration.
+const PAIRS: [(&str, &[&[&str]]); 10] = [
+    ("stereopi_room", &[]),
+    ("stereopi_board", &[]),
+    ("opencv_board", &[&["left.yaml", "right.yaml"]]),
+    (
+        "bumblebee_garden",
+        &[&["stereo.yaml"], &["extrinsics.yml", "intrinsics.yml"]],
+    ),
+    (
+        "bumblebee_board",
+        &[&["stereo.yaml"], &["right.yaml", "left.yaml"]],
+    ),
+    (
+        "euroc_hall",
+        &[&["kalibr_imucam_chain.yaml"], &["ORB_SLAM2_EuRoC.yaml"]],
+    ),
+    ("teddy_warped", &[]),
+    ("cones_warped", &[]),
+    ("tsukuba_warped", &[]),
+    ("venus_warped", &[]),
+];
+
+fn main() {
+    let mut trials = Vec::new();
+    for (name, others) in PAIRS {
+        trials.push(trial(format!("{name}::is_read"), move |root| {
+            is_read(&root.join(name), others)
+        }));
+        trials.push(trial(
+            format!("{name}::is_rectified_as_opencv_does"),
+            move |root| is_rectified(&root.join(name)),
+        ));
+        trials.push(trial(
+            format!("{name}::maps_are_near_and_strips_small"),
+            move |root| maps_are_near(&root.join(name)),
+        ));
+    }
+    for name in ["stereopi_board", "opencv_board", "bumblebee_board"] {
+        trials.push(trial(
+            format!("{name}::corners_are_found_in_the_raw_views"),
+            move |root| corners_are_found(&root.join(name)),
+        ));
+    }
+    trials.push(trial(
+        "calibrations::are_read_refused_or_warned_of".to_owned(),
+        |root| loose_files(&root.join("calibrations")),
+    ));
+    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+}
+
+/// A test that gets the folder of the data, or is ignored if there is none.
+fn trial(name: String, test: impl FnOnce(&Path) -> Result<()> + Send + 'static) -> Trial {
+    let folder = std::env::var_os("UNRECTIFIED_DIR").map(PathBuf::from);
+    let absent = folder.is_none();
+    let run = move || {
+        test(&folder.unwrap_or_default()).map_err(|error| Failed::from(format!("{error:#}")))
+    };
+    Trial::test(name, run).with_ignored_flag(absent)
+}
+
+/// What OpenCV read and computed.
+struct Truth {
+    meta: toml::Table,
+    is_warped: bool,
+}
+
+impl Truth {
+    fn open(folder: &Path) -> Result<Self> {
+        let text = fs::read_to_string(folder.join("meta.toml"))?;
+        let is_warped = folder.display().to_string().ends_with("_warped");
+        Ok(Self {
+            meta: text.parse()?,
+            is_warped,
+        })
+    }
+
+    fn numbers(&self, table: &str, key: &str) -> Vec<f64> {
+        let values = self.meta[table][key].as_array().unwrap();
+        values
+            .iter()
+            .map(|value| {
+                let whole = value.as_integer().map(|number| number as f64);
+                value.as_float().or(whole).unwrap()
+            })
+            .collect()
+    }
+
+    fn matrix(&self, table: &str, key: &str) -> DMat3 {
+        let numbers: [f64; 9] = self.numbers(table, key).try_into().unwrap();
+        DMat3::from_cols_array(&numbers).transpose()
+    }
+
+    fn vector(&self, table: &str, key: &str) -> DVec3 {
+        let numbers: [f64; 3] = self.numbers(table, key).try_into().unwrap();
+        DVec3::from_array(numbers)
+    }
+
+    fn projections(&self) -> [[f64; 12]; 2] {
+        ["P1", "P2"].map(|key| self.numbers("rectified", key).try_into().unwrap())
+    }
+
+    fn size(&self) -> [u16; 2] {
+        ["width", "height"].map(|key| self.meta[key].as_integer().unwrap() as u16)
+    }
+
+    /// The unit of the translation, mm, where the files leave it open or state another one.
+    fn unit_mm(&self) -> Option<f64> {
+        if let Some(unit) = self.meta["rectified"].get("unit_mm") {
+            return Some(unit.as_integer().unwrap() as f64);
+        }
+        (self.meta["format"].as_str() == Some("opencv")).then_some(1.0)
+    }
+
+    fn calibration_files(&self) -> Vec<&str> {
+        let files = self.meta["calibration_files"].as_array().unwrap();
+        files.iter().map(|file| file.as_str().unwrap()).collect()
+    }
+}
+
+fn contents(folder: &Path, names: &[&str]) -> Result<Vec<(String, Vec<u8>)>> {
+    let file = |name: &&str| {
+        let bytes = fs::read(folder.join(name)).with_context(|| (*name).to_owned())?;
+        Ok(((*name).to_owned(), bytes))
+    };
+    names.iter().map(file).collect()
+}
+
+fn options(truth: &Truth) -> Options {
+    Options {
+        size: Some(truth.size()),
+        projections: Some(truth.projections()),
+        unit_mm: truth.unit_mm(),
+        ..Options::default()
+    }
+}
+
+fn close(what: &str, found: f64, expected: f64, tolerance: f64) -> Result<()> {
+    ensure!(
+        (found - expected).abs() <= tolerance,
+        "{what}: {found}, and OpenCV has {expected}"
+    );
+    Ok(())
+}
+
+fn is_read(folder: &Path, others: &[&[&str]]) -> Result<()> {
+    let truth = Truth::open(folder)?;
+    let named = truth.calibration_files();
+    for names in [named.as_slice()].into_iter().chain(others.iter().copied()) {
+        let calibration = read(&contents(folder, names)?)?;
+        // The numbers of meta.toml have ten digits.
+        for (view, camera) in calibration.cameras.iter().enumerate() {
+            let matrix = truth.numbers("calibration", ["K1", "K2"][view]);
+            for (found, at) in [
+                (camera.focal_px.x, 0),
+                (camera.principal_px.x, 2),
+                (camera.focal_px.y, 4),
+                (camera.principal_px.y, 5),
+            ] {
+                close(&format!("{names:?} K{}", view + 1), found, matrix[at], 1e-6)?;
+            }
+            let coefficients = truth.numbers("calibration", ["D1", "D2"][view]);
+            let expected = Lens::radial_tangential(&coefficients)?;
+            for step in 0..40 {
+                let ray = DVec2::from_angle(f64::from(step)) * 0.01 * f64::from(step);
+                let error = camera.lens.distort(ray) - expected.distort(ray);
+                close(
+                    &format!("{names:?} D{} at {ray}", view + 1),
+                    error.length(),
+                    0.0,
+                    1e-8,
+                )?;
+            }
+            ensure!(camera.size.is_none_or(|size| size == truth.size()));
+        }
+        let rotation = calibration.rotation - truth.matrix("calibration", "R");
+        let largest = rotation
+            .to_cols_array()
+            .into_iter()
+            .fold(0.0, |a: f64, b| a.max(b.abs()));
+        // ORB-SLAM's file has its own rectification, and R by way of that.
+        close(&format!("{names:?} R"), largest, 0.0, 2e-9)?;
+        // ROS has the rectified translation in metres, whatever the unit of the others.
+        let expected = truth.vector("calibration", "T");
+        let mut translation = calibration.translation;
+        if truth.is_warped && calibration.unit_mm.is_some() {
+            translation *= 1000.0;
+        }
+        let error = (translation - expected).length() / expected.length();
+        close(&format!("{names:?} T {translation}"), error, 0.0, 1e-6)?;
+    }
+    Ok(())
+}
+
+fn is_rectified(folder: &Path) -> Result<()> {
+    let truth = Truth::open(folder)?;
+    let files = contents(folder, &truth.calibration_files())?;
+    let (calibration, size) = checked(read(&files)?, Some(truth.size()))?;
+    let pair = RectifiedPair::compute(&calibration, size, size, false)?;
+    for (found, key) in pair.rotations.iter().zip(["R1", "R2"]) {
+        let expected = truth.matrix("rectified", key);
+        // Ten digits, and twelve of ROS's rotations that R was computed from.
+        ensure!(
+            found.abs_diff_eq(expected, 2e-9),
+            "{key}: {found} {expected}"
+        );
+    }
+    let expected = truth.projections();
+    // Those of the warped pairs are Middlebury's. OpenCV inverts the distortion in 5 steps, which do not
+    // converge at the corners of the StereoPi: its focal length, 380.728 px, is what 5 steps give, and
+    // what converges is shorter and shows more.
+    let is_alpha_0 = !truth.is_warped && !folder.display().to_string().contains("stereopi");
+    if is_alpha_0 {
+        for (view, expected) in expected.iter().enumerate() {
+            let found = pair.principal_px[view];
+            // OpenCV's five steps leave up to 0.02 px here as well.
+            close("focal length", pair.focal_px, expected[0], 0.05)?;
+            close("cx", found.x, expected[2], 0.05)?;
+            close("cy", found.y, expected[6], 0.05)?;
+        }
+        let baseline = -expected[1][3] / expected[1][0];
+        close("baseline", pair.baseline / baseline, 1.0, 1e-6)?;
+    }
+    // The part that is kept is valid, all but a seam.
+    let maps = Maps::new(&pair, None)?;
+    ensure!(
+        maps.valid.iter().all(|&share| share > 0.99),
+        "{:?}",
+        maps.valid
+    );
+    // And all that the cameras see is more than that.
+    let all = RectifiedPair::compute(&calibration, size, size, true)?;
+    ensure!(all.focal_px < pair.focal_px);
+    Ok(())
+}
+
+fn maps_are_near(folder: &Path) -> Result<()> {
+    let truth = Truth::open(folder)?;
+    let files = contents(folder, &truth.calibration_files())?;
+    let made = rectify(&files, &options(&truth))?;
+    let bound_px = if truth.is_warped { 0.15 } else { 0.1 };
+    ensure!(made.maps.error_px <= bound_px, "{} px", made.maps.error_px);
+    let rectification = made.maps.rectification()?;
+    // The bytes say what the exact map says, as far as it is told.
+    let mut largest: f64 = 0.0;
+    for view in [0, 1] {
+        let map = [&rectification.left, &rectification.right][view];
+        for y in 0..rectification.height {
+            for x in map.valid_columns(y) {
+                let (place, is_seen) = made.pair.raw_position(view, DVec2::new(x.into(), y.into()));
+                ensure!(is_seen, "{x}, {y} is valid and not seen");
+                largest = largest.max((position(map, x, y) - place).length());
+            }
+        }
+    }
+    close("told error", made.maps.error_px, largest, 1e-9)?;
+    let focal_baseline = truth.projections()[1][3].abs();
+    // meta.toml has that of warped pairs in mm.
+    let unit_mm = if truth.is_warped {
+        None
+    } else {
+        truth.unit_mm()
+    }
+    .unwrap_or(1.0);
+    let depth = rectification.depth.context("no depth")?;
+    let doffs = truth.projections()[1][2] - truth.projections()[0][2];
+    for disparity in [10, 40, 100] {
+        let expected = focal_baseline * unit_mm / (f64::from(disparity) + doffs);
+        close("depth, mm", depth.mm(disparity * 16).into(), expected, 0.51)?;
+    }
+    // A strip of 320 columns: lines grow with the width.
+    let narrow = narrowed(made.calibration, made.pair, 320)?;
+    let maps = Maps::new(&narrow, None)?;
+    let words = Rectifier::words(&maps.rectification()?, false);
+    let kib = words as f64 * 4.0 / 1024.0;
+    // What a strip may take on a microcontroller with 128 KB, set before it was measured.
+    let bound_kib = if truth.is_warped { 18.0 } else { 14.0 };
+    ensure!(kib <= bound_kib, "{kib} KiB at 320 columns");
+    Ok(())
+}
+
+/// The pair with pixels joined until it has this many columns, the same for raw and rectified views.
+fn narrowed(
+    calibration: StereoCalibration,
+    mut pair: RectifiedPair,
+    columns: u16,
+) -> Result<RectifiedPair> {
+    let by = f64::from(pair.raw_size[0]) / f64::from(columns);
+    let joined = |px: DVec2| (px + 0.5) / by - 0.5;
+    let lines = (f64::from(pair.raw_size[1]) / by).round() as u16;
+    ensure!(calibration.cameras == pair.cameras);
+    for camera in &mut pair.cameras {
+        camera.focal_px /= by;
+        camera.principal_px = joined(camera.principal_px);
+    }
+    pair.focal_px /= by;
+    pair.principal_px = pair.principal_px.map(joined);
+    pair.raw_size = [columns, lines];
+    pair.size = pair.raw_size;
+    Ok(pair)
+}
+
+/// Where the stored map says that a rectified pixel lies, px.
+fn position(map: &ViewMap<'_>, x: u16, y: u16) -> DVec2 {
+    let step = 1_u16 << map.step_shift();
+    let cell = usize::from(x / step);
+    let knot = |column| {
+        let [x, y] = map.knot(column, y);
+        DVec2::new(x.into(), y.into()) / (64.0 * f64::from(step))
+    };
+    knot(cell).lerp(knot(cell + 1), f64::from(x % step) / f64::from(step))
+}
+
+fn corners_are_found(folder: &Path) -> Result<()> {
+    let truth = Truth::open(folder)?;
+    let files = contents(folder, &truth.calibration_files())?;
+    let made = rectify(&files, &options(&truth))?;
+    let rectification: Rectification<'_> = made.maps.rectification()?;
+    let text = fs::read_to_string(folder.join("corners.csv"))?;
+    let mut corners = 0;
+    for line in text.lines().skip(1) {
+        let numbers: Vec<f64> = line.split(',').map(str::parse).collect::<Result<_, _>>()?;
+        for view in [0, 1] {
+            let at = |first: usize| DVec2::new(numbers[first], numbers[first + 1]);
+            let (raw, rectified) = (at(2 + 2 * view), at(6 + 2 * view));
+            let map = [&rectification.left, &rectification.right][view];
+            let [width, height] = truth.size().map(|side| f64::from(side) - 1.0);
+            let is_inside =
+                (0.0..width).contains(&rectified.x) && (0.0..height).contains(&rectified.y);
+            if !is_inside {
+                continue;
+            }
+            // Between the four pixels around the corner.
+            let corner = rectified.floor();
+            let share = rectified - corner;
+            let [x, y] = corner.to_array().map(|at| at as u16);
+            let upper = position(map, x, y).lerp(position(map, x + 1, y), share.x);
+            let lower = position(map, x, y + 1).lerp(position(map, x + 1, y + 1), share.x);
+            let off = (upper.lerp(lower, share.y) - raw).length();
+            let bound_px = made.maps.error_px + 0.02;
+            ensure!(off <= bound_px, "{off} px at {rectified} of view {view}");
+            corners += 1;
+        }
+    }
+    // Of the boards' corners 108, 84 and 48 lie inside the views.
+    ensure!(corners >= 48, "{corners} corners");
+    Ok(())
+}
+
+fn loose_files(folder: &Path) -> Result<()> {
+    let made = |names: &[&str], size, keep| {
+        let options = Options {
+            size,
+            keep,
+            ..Options::default()
+        };
+        rectify(&contents(folder, names)?, &options)
+    };
+    let refused = |names: &[&str], words: &[&str]| -> Result<()> {
+        let error = made(names, None, None).err().context("is not refused")?;
+        let message = format!("{error:#}");
+        ensure!(
+            message.contains(names[0]) && words.iter().all(|word| message.contains(word)),
+            "{message}"
+        );
+        Ok(())
+    };
+    for name in ["euroc_ds_calib.json", "tumvi_512_ds_calib.json"] {
+        refused(&[name], &["double sphere"])?;
+    }
+    refused(
+        &["stereopi_ros_left.yaml", "stereopi_ros_right.yaml"],
+        &["634.9", "another resolution", "baseline is 0"],
+    )?;
+    refused(&["ps4eye_left.yaml"], &["one camera"])?;
+    let good = made(&["ps4eye_left.yaml", "ps4eye_right.yaml"], None, None)?;
+    ensure!(good.is_stored && good.calibration.warnings.is_empty());
+    close("baseline", good.pair.baseline, 34.083392 / 433.812194, 1e-9)?;
+    let good = made(&["tum_vi_chain.yaml"], None, None)?;
+    ensure!(good.calibration.warnings.is_empty() && !good.is_stored);
+    ensure!(good.maps.error_px <= 0.1, "{} px", good.maps.error_px);
+    // The cameras of the TUM VI device are 10 cm apart, those of the T265 6.4 cm.
+    close("baseline", good.pair.baseline, 0.1011, 2e-4)?;
+    let good = made(&["rs_t265_chain.yaml"], None, None)?;
+    ensure!(good.calibration.warnings.is_empty());
+    close("baseline", good.pair.baseline, 0.0627, 2e-4)?;
+    let swapped = ["swapped_intrinsics.yml", "swapped_extrinsics.yml"];
+    let warned = made(&swapped, Some([640, 480]), None)?;
+    let warnings = warned.calibration.warnings.join("; ");
+    ensure!(warnings.contains("exchanged"), "{warnings}");
+    let all = made(&["tum_vi_chain.yaml"], None, Some(Keep::All))?;
+    ensure!(all.pair.focal_px < 100.0);
+    Ok(())
+}
