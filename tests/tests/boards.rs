@@ -55,6 +55,9 @@ fn main() {
     let mut trials = Vec::new();
     for board in Board::modelled() {
         let unbuilt = toolchain::ensure_complete(&[board]).is_err();
+        let name = format!("{}::panics", board.name);
+        let trial = Trial::test(name, move || no_panic_in_the_pipeline(&board));
+        trials.push(trial.with_ignored_flag(unbuilt));
         let absent = unbuilt || ModelCompiler::find().is_none();
         for (name, test) in MODEL_TESTS {
             let name = format!("{}::{name}", board.name);

@@ -18,8 +18,10 @@ use crate::elf;
 const PIPELINE: [&str; 2] = ["/core/src/", "/firmware/src/"];
 
 /// Parts of the paths of the sources around the pipeline, which read the command line, hold the
-/// files and write the report. They may panic.
-const AROUND: [&str; 3] = [
+/// files and write the report, and of the log and the drivers of chips. They may panic.
+const AROUND: [&str; 5] = [
+    "/defmt-",
+    "/embassy-",
     "/firmware/src/scripted.rs",
     "/firmware/emulated/src/",
     "/firmware/boards/",

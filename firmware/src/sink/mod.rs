@@ -1,6 +1,8 @@
 //! Sinks: receivers of the lines of disparities.
 
 #[cfg(feature = "serial")]
+mod cobs;
+#[cfg(feature = "serial")]
 pub mod serial;
 
 use vgstereo_core::{DisparityLine, Region};

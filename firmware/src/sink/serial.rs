@@ -9,6 +9,7 @@ use embedded_io::Write;
 use serde::{Deserialize, Serialize};
 use vgstereo_core::DisparityLine;
 
+use super::cobs::CobsPacket;
 use super::{DisparitySink, FrameInfo};
 use crate::fault::Fault;
 
@@ -71,6 +72,8 @@ const _: () = assert!(cfg!(target_endian = "little"));
 pub enum SerialError<E> {
     /// The lent memory is smaller than [`packet_bytes`].
     Memory,
+    /// The port takes no more bytes, or says that it took more than it was given.
+    Closed,
     /// Error of the port.
     Port(E),
 }
@@ -92,17 +95,27 @@ impl<'m, W: Write> SerialSink<'m, W> {
     }
 
     fn send(&mut self, packet: &Packet<'_>) -> Result<(), SerialError<W::Error>> {
-        let bytes =
-            postcard::to_slice_cobs(packet, self.packet).map_err(|_| SerialError::Memory)?;
-        self.port.write_all(bytes).map_err(SerialError::Port)
+        let memory = CobsPacket::new(self.packet);
+        let bytes = postcard::serialize_with_flavor(packet, memory);
+        write_all(&mut self.port, bytes.map_err(|_| SerialError::Memory)?)
     }
+}
+
+/// Writes all bytes. [`Write::write_all`] panics when the port takes none.
+fn write_all<W: Write>(port: &mut W, mut bytes: &[u8]) -> Result<(), SerialError<W::Error>> {
+    while !bytes.is_empty() {
+        let taken = port.write(bytes).map_err(SerialError::Port)?;
+        let rest = bytes.get(taken..).filter(|_| taken > 0);
+        bytes = rest.ok_or(SerialError::Closed)?;
+    }
+    Ok(())
 }
 
 impl<W: Write> DisparitySink for SerialSink<'_, W> {
     type Error = SerialError<W::Error>;
 
     fn begin_frame(&mut self, info: &FrameInfo) -> Result<(), Self::Error> {
-        self.port.write_all(&[0]).map_err(SerialError::Port)?;
+        write_all(&mut self.port, &[0])?;
         self.send(&Packet::FrameBegun {
             frame: info.frame,
             timestamp_us: info.timestamp_us,
@@ -213,6 +226,37 @@ mod tests {
         let too_long = sink.line(0, &line(&[0; 50]));
         assert!(matches!(too_long, Err(SerialError::Memory)));
         assert!(sink.port.is_empty());
+    }
+
+    /// A port that takes so many bytes at a time.
+    struct Port(Vec<u8>, usize);
+
+    impl embedded_io::ErrorType for Port {
+        type Error = core::convert::Infallible;
+    }
+
+    impl Write for Port {
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
+            self.0.extend(bytes.iter().take(self.1));
+            Ok(self.1)
+        }
+
+        fn flush(&mut self) -> Result<(), Self::Error> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_port_may_take_some_bytes_but_not_none_or_too_many() {
+        let sent = |at_a_time| {
+            let mut port = Port(Vec::new(), at_a_time);
+            (write_all(&mut port, b"six by").is_ok(), port.0)
+        };
+        for at_a_time in [1, 2, 3, 6] {
+            assert_eq!(sent(at_a_time), (true, b"six by".to_vec()));
+        }
+        assert!(!sent(0).0);
+        assert!(!sent(7).0);
     }
 
     #[test]
