@@ -2,28 +2,105 @@
 
 use std::fs;
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use image::{DynamicImage, ImageFormat};
 use tempfile::NamedTempFile;
 
 /// Writes each of these files whole or not at all: it writes temporary files beside them, and
-/// renames these when all are written.
+/// renames these when all are written. Links are followed, and what is not a regular file, such
+/// as a pipe or `/dev/null`, is written directly and first.
 ///
 /// # Errors
-/// Fails with one line that names the file and the reason.
-pub fn write_files(files: &[(&Path, Vec<u8>)]) -> Result<()> {
-    let mut written = Vec::new();
-    for (path, bytes) in files {
-        let file = write_beside(path, bytes);
-        written.push(file.with_context(|| format!("cannot write {}", path.display()))?);
+/// Fails with one line that names the file and the reason, and when two of them are one file.
+pub fn write_files<P: AsRef<Path>>(files: &[(P, Vec<u8>)]) -> Result<()> {
+    let paths: Vec<&Path> = files.iter().map(|(path, _)| path.as_ref()).collect();
+    ensure_distinct_outputs(&[], &paths)?;
+    let cannot_write = |path: &Path| format!("cannot write {}", path.display());
+    let (direct, renamed): (Vec<_>, Vec<_>) = files
+        .iter()
+        .map(|(path, bytes)| (path.as_ref(), bytes))
+        .partition(|(path, _)| is_special(path));
+    for (path, bytes) in direct {
+        let file = fs::OpenOptions::new().write(true).open(path);
+        file.and_then(|mut file| file.write_all(bytes))
+            .with_context(|| cannot_write(path))?;
     }
-    for (file, (path, _)) in written.into_iter().zip(files) {
-        file.persist(path)
-            .with_context(|| format!("cannot write {}", path.display()))?;
+    let mut written = Vec::new();
+    for (path, bytes) in renamed {
+        let target = destination(path);
+        let file = write_beside(&target, bytes).with_context(|| cannot_write(path))?;
+        written.push((file, target, path));
+    }
+    for (file, target, path) in written {
+        file.persist(target)
+            .map_err(|error| error.error)
+            .with_context(|| cannot_write(path))?;
     }
     Ok(())
+}
+
+/// Checks that the files that a command writes are different ones, and none of those that it
+/// reads, however their paths are spelt. Files that are not regular are left out: two outputs
+/// may be `/dev/null`.
+///
+/// # Errors
+/// Fails with one line that names the two paths.
+pub fn ensure_distinct_outputs(inputs: &[&Path], outputs: &[&Path]) -> Result<()> {
+    for (index, output) in outputs.iter().enumerate() {
+        for other in &outputs[..index] {
+            ensure!(
+                !is_one_file(other, output),
+                "the outputs {} and {} are one file",
+                other.display(),
+                output.display()
+            );
+        }
+        for input in inputs {
+            ensure!(
+                !is_one_file(input, output),
+                "the output {} would replace the input {}",
+                output.display(),
+                input.display()
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Whether two paths, of which none, one or both exist, are those of one regular file.
+fn is_one_file(a: &Path, b: &Path) -> bool {
+    // The first finds hard links, the second what does not exist yet.
+    !is_special(a)
+        && (same_file::is_same_file(a, b).unwrap_or(false) || destination(a) == destination(b))
+}
+
+/// Whether a path leads to something that can be written but is no regular file.
+fn is_special(path: &Path) -> bool {
+    fs::metadata(path).is_ok_and(|data| !data.is_file() && !data.is_dir())
+}
+
+/// The links that are followed from one name; systems give up at about as many.
+const LINKS_MAX: usize = 40;
+
+/// Returns the absolute path at which a file of this path is, or will be, once links are
+/// followed. Links may lead to what does not exist.
+fn destination(path: &Path) -> PathBuf {
+    let mut path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    for _ in 0..LINKS_MAX {
+        match (fs::read_link(&path), path.parent()) {
+            (Ok(target), Some(folder)) => path = folder.join(target),
+            _ => break,
+        }
+    }
+    match (path.parent(), path.file_name()) {
+        (Some(folder), Some(name)) => folder
+            .canonicalize()
+            .unwrap_or_else(|_| destination(folder))
+            .join(name),
+        _ => path,
+    }
 }
 
 /// Writes the content of the file `path` to a temporary file in its folder.
@@ -31,19 +108,25 @@ fn write_beside(path: &Path, bytes: &[u8]) -> io::Result<NamedTempFile> {
     if path.is_dir() {
         return Err(io::ErrorKind::IsADirectory.into());
     }
-    let folder = match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
+    let folder = path.parent().unwrap_or(path);
+    if !folder.is_dir() {
+        return Err(io::Error::other("its folder does not exist"));
+    }
     let mut builder = tempfile::Builder::new();
+    // What a killed process leaves behind can be recognised.
+    builder.prefix(".vgstereo-");
     #[cfg(unix)]
     {
         // Temporary files are private; this one becomes a file of the user with usual rights.
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
-    let mut file = builder.tempfile_in(folder)?;
-    file.write_all(bytes)?;
+    // The temporary path, which errors of `tempfile` name, says nothing to the user: the kind
+    // alone of the first error, and the file without its wrapper for the second.
+    let mut file = builder
+        .tempfile_in(folder)
+        .map_err(|error| io::Error::from(error.kind()))?;
+    file.as_file_mut().write_all(bytes)?;
     Ok(file)
 }
 

@@ -11,7 +11,7 @@ use vgstereo_kernels::NativeKernels;
 
 use crate::arguments::{Overrides, name_of, output_of, parse_preset};
 use crate::disparity_files::DisparityFormat;
-use crate::files::{encode, write_files};
+use crate::files::{encode, ensure_distinct_outputs, write_files};
 use crate::frame::match_frame;
 use crate::images::{ImageFile, ViewImages, bits_note, parse_bits};
 use crate::pair_check::hints;
@@ -105,13 +105,17 @@ impl Match {
                 .extension()
                 .is_some_and(|e| e.eq_ignore_ascii_case("png"));
             ensure!(png, "{}: the name must end in .png", path.display());
-            ensure!(
-                *path != self.out,
-                "--out and --colour are both {}",
-                path.display()
-            );
         }
         let stdin = Path::new("-");
+        let mut inputs = vec![self.left.as_path(), &self.right];
+        inputs.extend(self.overrides.config.as_deref());
+        let mut outputs = vec![self.out.as_path()];
+        outputs.extend(self.colour.as_deref());
+        // `-` is standard input or output.
+        for paths in [&mut inputs, &mut outputs] {
+            paths.retain(|path| *path != stdin);
+        }
+        ensure_distinct_outputs(&inputs, &outputs).context("--out, --colour")?;
         ensure!(
             self.left != stdin || self.right != stdin,
             "standard input has one image: give the other by its name"

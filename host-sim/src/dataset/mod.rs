@@ -32,14 +32,22 @@ pub fn find_scenes(folder: &Path, names: &[String]) -> Result<Vec<PathBuf>> {
         fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))?;
     if !names.is_empty() {
         ensure_distinct("scene", names)?;
-        let paths = names.iter().map(|name| folder.join(name));
-        return paths
-            .map(|path| {
+        let mut seen = Vec::new();
+        return names
+            .iter()
+            .map(|name| {
+                let path = folder.join(name);
                 ensure!(
                     path.join("left.png").is_file(),
                     "{} is not a scene: it has no left.png",
                     path.display()
                 );
+                // One folder has many spellings: `a`, `./a`, `a/`, a link.
+                let canonical = path.canonicalize();
+                let canonical =
+                    canonical.with_context(|| format!("cannot read {}", path.display()))?;
+                ensure!(!seen.contains(&canonical), "scene {name} is given twice");
+                seen.push(canonical);
                 Ok(path)
             })
             .collect();

@@ -7,3 +7,4 @@ mod fixture;
 mod general;
 mod images;
 mod matching;
+mod outputs;
