@@ -448,7 +448,10 @@ impl Case for MaskCase {
     }
 
     fn output(&self) -> Self::Output {
-        (self.masks.clone(), self.counts[..self.lanes].to_vec())
+        (
+            self.masks.clone(),
+            self.counts[..self.lanes.min(MASK_LANES)].to_vec(),
+        )
     }
 }
 
@@ -819,8 +822,11 @@ pub struct WeightedMedianCase {
     pub values: Vec<Vec<i16>>,
     /// Levels of each channel and each row of the window.
     pub levels: Vec<Vec<Vec<u8>>>,
+    /// Levels of each channel at the filtered row.
+    pub centres: Vec<Vec<u8>>,
+    pub rows: usize,
     pub centre: usize,
-    pub reach_x: usize,
+    pub window_width: usize,
     pub places: Vec<u8>,
     pub colour_reach: u8,
     pub weights: Scratch,
@@ -848,11 +854,16 @@ impl WeightedMedianCase {
             plane.chunks_exact(padded).map(<[u8]>::to_vec).collect()
         };
         let taps = rows * (reach_x + 1);
+        let levels: Vec<_> = (0..channels).map(|_| plane(random)).collect();
+        let centre = below(random, rows);
+        let inside = |plane: &Vec<Vec<u8>>| plane[centre][reach_x..][..width].to_vec();
         Self {
             values,
-            levels: (0..channels).map(|_| plane(random)).collect(),
-            centre: below(random, rows),
-            reach_x,
+            centres: levels.iter().map(inside).collect(),
+            levels,
+            rows,
+            centre,
+            window_width: 2 * reach_x + 1,
             places: (0..taps).map(|_| 1 + below(random, 20) as u8).collect(),
             colour_reach: 4 + below(random, 45) as u8,
             weights: Scratch(vec![0x0202_0202; 4 * taps]),
@@ -868,23 +879,21 @@ impl Case for WeightedMedianCase {
         let mut row = WeightedMedianRow {
             values: [&[]; MAX_TAP_ROWS],
             levels: [[&[]; MAX_TAP_ROWS]; MAX_CHANNELS],
-            centres: [&[]; MAX_CHANNELS],
-            rows: self.values.len(),
+            centres: channel_rows(&self.centres),
+            rows: self.rows,
             centre: self.centre,
             channels: self.levels.len(),
-            window_width: 2 * self.reach_x + 1,
+            window_width: self.window_width,
             places: &self.places,
             colour_reach: self.colour_reach,
         };
         for (to, values) in row.values.iter_mut().zip(&self.values) {
             *to = values;
         }
-        let width = self.output.len();
-        for (channel, rows) in self.levels.iter().enumerate() {
-            for (to, levels) in row.levels[channel].iter_mut().zip(rows) {
+        for (to, rows) in row.levels.iter_mut().zip(&self.levels) {
+            for (to, levels) in to.iter_mut().zip(rows) {
                 *to = levels;
             }
-            row.centres[channel] = &rows[self.centre][self.reach_x..][..width];
         }
         let weights = bytemuck::must_cast_slice_mut(&mut self.weights.0);
         kernels.weighted_median_row(&row, weights, &mut self.output);

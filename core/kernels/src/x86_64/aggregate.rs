@@ -8,10 +8,25 @@ use core::cell::Cell;
 use std::vec::Vec;
 
 use vgstereo_core::disparity::STEPS_PER_PX;
-use vgstereo_core::kernel::{NO_DISTANCE, parabolas_q4};
+use vgstereo_core::kernel::{AggregateRow, NO_DISTANCE, parabolas_q4, path_scratch_bytes};
 
 /// Largest number of disparities that the registers hold, rounded up to a multiple of 16.
 pub(super) const MAX_STRIDE: usize = 64;
+
+/// Whether all slices have the lengths that the row states, on which the registers rely.
+pub(super) fn is_whole(row: &AggregateRow<'_>) -> bool {
+    let count = row.best.len();
+    let costs = [&*row.costs, row.from_right, row.from_above];
+    let outputs = [row.refined_index_q4.len(), row.margins.len()];
+    let penalties = [row.p2_along.len(), row.p2_down.len()];
+    (1..=row.stride).contains(&row.disparities)
+        && (costs.iter()).all(|costs| Some(costs.len()) == count.checked_mul(row.stride))
+        && outputs == [count; 2]
+        && penalties == [count; 2]
+        && row.paths.len() >= path_scratch_bytes(row.stride)
+        && row.sums.len() == row.stride
+        && row.other_best.len().saturating_add(1) >= count.saturating_add(row.disparities)
+}
 
 /// Number of pixels whose results are written together.
 pub(super) const BLOCK: usize = 32;
@@ -177,7 +192,7 @@ std::thread_local! {
 }
 
 /// Defines `aggregate_row`, which equals core's kernels bit for bit and calls them for more
-/// disparities than [`MAX_STRIDE`].
+/// disparities than [`MAX_STRIDE`] and for a row that is not whole; see [`is_whole`].
 ///
 /// A macro, because a function cannot be compiled for the instruction set of its caller. Where it
 /// is expanded, it expects:
@@ -193,6 +208,10 @@ macro_rules! aggregate_in_registers {
         #[target_feature(enable = $features)]
         pub(super) fn aggregate_row(row: &mut AggregateRow<'_>) {
             match row.stride {
+                16..=MAX_STRIDE if !is_whole(row) => {
+                    kernel::aggregate_paths(row);
+                    kernel::select_row(row);
+                }
                 16 => aggregate_registers::<16, false>(row),
                 32 => aggregate_registers::<32, false>(row),
                 48 => aggregate_registers::<48, false>(row),

@@ -24,6 +24,8 @@ pub(super) fn is_inside(row: &CostRun<'_>, costs: usize) -> bool {
     stride > 0
         && pixels > 0
         && count > 0
+        && row.stored.count == count
+        && (row.masks.bytes.is_empty() || row.masks.count == count)
         && Some(costs) == pixels.checked_mul(stride)
         && row.first_position >= pixels - 1
         && ends_within(count, row.stored.stride, end, row.stored.bytes)

@@ -2,9 +2,10 @@
 
 use core::arch::x86_64::{__m256i, _mm256_loadu_si256};
 
-use vgstereo_core::kernel::{MASK_LANES, MAX_CHANNELS, MaskBlock};
+use vgstereo_core::kernel::{CELLS_PER_BYTE, MASK_LANES, MAX_CHANNELS, MaskBlock};
 
-/// Whether all levels that the block compares are within the slices.
+/// Whether the block is of [`MASK_LANES`] pixels and whole bytes of cells, and all levels that it
+/// compares are within the slices.
 #[inline(always)]
 pub(super) fn is_inside(block: &MaskBlock<'_>) -> bool {
     let last = block.starts.iter().fold(0, |last, &start| last.max(start));
@@ -12,7 +13,12 @@ pub(super) fn is_inside(block: &MaskBlock<'_>) -> bool {
     let start = block.centre.max(block.first.saturating_add(last as usize));
     let end = start.saturating_add(MASK_LANES);
     let mut levels = block.levels.iter().take(block.channels);
-    (block.channels == 1 || block.channels == MAX_CHANNELS) && levels.all(|l| end <= l.len())
+    let cells = block.starts.len();
+    block.lanes == MASK_LANES
+        && cells.is_multiple_of(CELLS_PER_BYTE)
+        && Some(block.cells.len()) == cells.checked_mul(MASK_LANES)
+        && (block.channels == 1 || block.channels == MAX_CHANNELS)
+        && levels.all(|l| end <= l.len())
 }
 
 /// Loads the levels of [`MASK_LANES`] pixels from `start` on.

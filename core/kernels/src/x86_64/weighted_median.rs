@@ -4,6 +4,27 @@
 //! All instruction sets share the loops: [`median_in_registers`] is expanded beside the operations
 //! on each set's registers.
 
+use vgstereo_core::kernel::{MAX_CHANNELS, MAX_TAP_ROWS, WeightedMedianRow};
+
+/// Whether all slices are as long as the row states, for an output of `width` pixels.
+pub(super) fn is_whole(row: &WeightedMedianRow<'_>, weights: usize, width: usize) -> bool {
+    let taps = row.rows.checked_mul(row.tap_columns().len());
+    let padded = width.saturating_add(row.window_width).saturating_sub(1);
+    let values = row.values.iter().take(row.rows);
+    let mut channels = row.levels.iter().zip(row.centres).take(row.channels);
+    (1..=MAX_TAP_ROWS).contains(&row.rows)
+        && row.window_width > 0
+        && taps.is_some_and(|taps| taps <= row.places.len() && 16 * taps <= weights)
+        && values
+            .map(|values| values.len())
+            .all(|length| padded <= length)
+        && (row.channels == 1 || row.channels == MAX_CHANNELS)
+        && channels.all(|(levels, centre)| {
+            let mut levels = levels.iter().take(row.rows);
+            levels.all(|levels| padded <= levels.len()) && width <= centre.len()
+        })
+}
+
 /// A tap of `LANES` pixels; aligned, so that no load straddles two cache lines.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
@@ -19,7 +40,8 @@ impl<const LANES: usize> Tap<LANES> {
     };
 }
 
-/// Defines `weighted_median_row`, which equals core's bit for bit and calls it for short rows.
+/// Defines `weighted_median_row`, which equals core's bit for bit and calls it for short rows
+/// and where [`is_whole`] does not hold.
 ///
 /// A macro, because a function cannot be compiled for the instruction set of its caller. Where it
 /// is expanded, it expects `Bytes` and `Words`, registers of `LANES` bytes and words, and the
@@ -38,11 +60,11 @@ macro_rules! median_in_registers {
             output: &mut [i16],
         ) {
             let width = output.len();
-            let taps = row.rows * row.tap_columns().len();
-            if width < LANES || taps > row.places.len() || row.window_width == 0 {
+            if width < LANES || !is_whole(row, weights.len(), width) {
                 kernel::weighted_median_row(row, weights, output);
                 return;
             }
+            let taps = row.rows * row.tap_columns().len();
             let mut scratch = TAPS.take();
             scratch.resize(scratch.len().max(taps), Tap::NONE);
             let taps = &mut scratch[..taps];

@@ -6,7 +6,7 @@ use vgstereo_core::kernel::{self, AggregateRow};
 
 use crate::x86_64::aggregate::{
     BLOCK, FROM_LEFT, INDEX_BITS, MAX_STRIDE, NO_KEY, SelectedBlock, aggregate_in_registers,
-    key_at, key_tails, other_of, place,
+    is_whole, key_at, key_tails, other_of, place,
 };
 
 /// Bytes per register.

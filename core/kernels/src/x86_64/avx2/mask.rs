@@ -10,7 +10,7 @@ use crate::x86_64::mask::{is_inside, load_at};
 /// [`MASK_LANES`] pixels and for blocks that reach beyond the levels.
 #[target_feature(enable = "avx2")]
 pub(super) fn mask_block(block: &mut MaskBlock<'_>) {
-    if block.lanes != MASK_LANES || !is_inside(block) {
+    if !is_inside(block) {
         kernel::mask_block(block);
         return;
     }

@@ -4,9 +4,10 @@ use core::arch::x86_64::*;
 
 use vgstereo_core::kernel::{self, AggregateRow};
 
+use super::mask_of;
 use crate::x86_64::aggregate::{
     BLOCK, FROM_LEFT, INDEX_BITS, MAX_STRIDE, NO_KEY, SelectedBlock, aggregate_in_registers,
-    key_at, key_tails, other_of, place,
+    is_whole, key_at, key_tails, other_of, place,
 };
 
 type Costs = __m512i;
@@ -135,16 +136,6 @@ fn broadcast(cost: u8) -> Costs {
 #[inline]
 fn are_equal(a: Costs, b: Costs) -> bool {
     _mm512_cmpneq_epi8_mask(a, b) == 0
-}
-
-/// Mask of the bytes of a register that a slice of `length` bytes has.
-#[inline]
-fn mask_of(length: usize) -> u64 {
-    if length < MAX_STRIDE {
-        (1 << length) - 1
-    } else {
-        u64::MAX
-    }
 }
 
 #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512vbmi")]

@@ -17,6 +17,7 @@ use std::vec::Vec;
 
 use vgstereo_core::kernel::{self, CostRun, Planes, cost_stride};
 
+use super::mask_of;
 use crate::x86_64::cost::{
     SUMS, beyond, cost_in_registers, difference_costs, is_inside, sums_fit_bytes,
 };
@@ -268,12 +269,6 @@ impl Differences {
 fn pack(low: Register, high: Register) -> Register {
     let order = _mm512_setr_epi32(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15);
     _mm512_permutexvar_epi32(order, _mm512_packus_epi16(low, high))
-}
-
-/// Mask of the first `lanes` bytes, at least one.
-#[inline]
-fn mask_of(lanes: usize) -> u64 {
-    u64::MAX >> (LANES - lanes)
 }
 
 /// Loads the first `lanes` bytes from `start` on; the others are 0.

@@ -17,9 +17,7 @@ const REGISTERS_PER_COUNT: usize = u8::MAX as usize;
 /// [`MASK_LANES`] pixels and for blocks that reach beyond the levels.
 #[target_feature(enable = "avx512f,avx512bw,avx512vl")]
 pub(super) fn mask_block(block: &mut MaskBlock<'_>) {
-    let cells = block.starts.len();
-    let is_whole = cells.is_multiple_of(CELLS_PER_BYTE) && block.cells.len() == cells * MASK_LANES;
-    if block.lanes != MASK_LANES || !is_whole || !is_inside(block) {
+    if !is_inside(block) {
         kernel::mask_block(block);
         return;
     }

@@ -7,6 +7,16 @@ mod weighted_median;
 
 use vgstereo_core::kernel::Kernels;
 
+/// Mask of the bytes of a register that a slice of `length` bytes has.
+#[inline]
+const fn mask_of(length: usize) -> u64 {
+    if length < u64::BITS as usize {
+        (1 << length) - 1
+    } else {
+        u64::MAX
+    }
+}
+
 /// Kernel set for AVX-512. A value exists only if the processor has its instructions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Avx512(());

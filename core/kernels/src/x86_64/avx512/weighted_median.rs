@@ -17,7 +17,7 @@ use std::vec::Vec;
 use vgstereo_core::disparity::INVALID;
 use vgstereo_core::kernel::{self, WeightedMedianRow};
 
-use crate::x86_64::weighted_median::{Tap, median_in_registers};
+use crate::x86_64::weighted_median::{Tap, is_whole, median_in_registers};
 
 /// Number of pixels filtered at once.
 const LANES: usize = 32;

@@ -2,6 +2,13 @@
 //!
 //! A failure prints the smallest failing task that was found: its sizes, and the seed of its
 //! values. `PROPTEST_CASES` sets the number of tasks for each kernel of each set.
+//!
+//! On Unix, every task is also run with its buffers against pages that cannot be accessed, and
+//! tasks that break the bounds of a kernel are run likewise.
+
+mod bounds;
+#[cfg(unix)]
+mod guarded;
 
 use libtest_mimic::{Arguments, Trial};
 use proptest::prelude::*;
@@ -17,6 +24,10 @@ use vgstereo_kernels::cases::{
 #[cfg(target_arch = "x86_64")]
 use vgstereo_kernels::x86_64::{Avx2, Avx512};
 use vgstereo_kernels::{Armv7em, NativeKernels, Rv32};
+
+#[cfg(unix)]
+#[global_allocator]
+static ALLOCATOR: guarded::Guarded = guarded::Guarded;
 
 /// The tests of every kernel of a set, which is `None` where the processor cannot run it: then
 /// they are listed as ignored.
@@ -41,6 +52,8 @@ fn trial<K: Kernels + Send + 'static>(name: &str, set: Option<K>, test: fn(K)) -
 }
 
 fn main() {
+    #[cfg(unix)]
+    guarded::overread_if_asked();
     let names = || {
         native_sets_are_named_from_the_slowest_on();
         Ok(())
@@ -49,16 +62,41 @@ fn main() {
         "native_sets_are_named_from_the_slowest_on",
         names,
     )];
+    let overread = || {
+        #[cfg(unix)]
+        guarded::one_byte_beyond_a_buffer_ends_the_process();
+        Ok(())
+    };
+    let overread = Trial::test("one_byte_beyond_a_buffer_ends_the_process", overread);
+    trials.push(overread.with_ignored_flag(!cfg!(unix)));
     trials.extend(suite!("forwarded": Some(Forwarded(Portable))));
     trials.extend(suite!("native": Some(NativeKernels::fastest())));
     trials.extend(suite!("armv7em": Some(Armv7em)));
     trials.extend(suite!("rv32": Some(Rv32)));
     #[cfg(target_arch = "x86_64")]
-    trials.extend(suite!("avx2": Avx2::detect()));
-    #[cfg(target_arch = "x86_64")]
-    trials.extend(suite!("avx512": Avx512::detect()));
+    {
+        trials.extend(suite!("avx2": Avx2::detect()));
+        trials.extend(suite!("avx512": Avx512::detect()));
+        trials.push(trial(
+            "avx2::out_of_bounds",
+            Avx2::detect(),
+            bounds::every_kernel,
+        ));
+        trials.push(trial(
+            "avx512::out_of_bounds",
+            Avx512::detect(),
+            bounds::every_kernel,
+        ));
+    }
     #[cfg(target_arch = "aarch64")]
-    trials.extend(suite!("neon": Neon::detect()));
+    {
+        trials.extend(suite!("neon": Neon::detect()));
+        trials.push(trial(
+            "neon::out_of_bounds",
+            Neon::detect(),
+            bounds::every_kernel,
+        ));
+    }
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }
 
@@ -96,6 +134,11 @@ fn native_sets_are_named_from_the_slowest_on() {
 fn is_alike<C: Case>(case: &mut C, kernels: impl Kernels) -> Result<(), TestCaseError> {
     let mut reference = case.clone();
     reference.run(Portable);
+    #[cfg(unix)]
+    for side in guarded::Side::ALL {
+        let output = guarded::output(case, kernels, side);
+        prop_assert_eq!(output, reference.output(), "guarded {:?}", side);
+    }
     case.run(kernels);
     prop_assert_eq!(case.output(), reference.output());
     Ok(())
