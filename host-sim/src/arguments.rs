@@ -83,6 +83,17 @@ pub fn parse_preset(name: &str) -> Result<Preset, String> {
         .map_err(|error: vgstereo_core::config::UnknownPreset| error.to_string())
 }
 
+/// Returns the threshold of bad pixels that a text states, px.
+///
+/// # Errors
+/// Fails when it is not a number above 0, or more than 2047 px, the largest disparity of all.
+pub fn parse_threshold(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(px) if px > 0.0 && px <= 2047.0 => Ok(px),
+        _ => Err("it must be above 0 and at most 2047 px".to_owned()),
+    }
+}
+
 /// Returns the output that the option `--sparse` asks for: sparse when it is set, otherwise
 /// dense.
 #[must_use]

@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use clap::Args;
 use vgstereo_core::{Method, Output, Parameters, Preset, SgmParameters};
 
-use crate::arguments::parse_preset;
+use crate::arguments::{parse_preset, parse_threshold};
 use crate::dataset::find_scenes;
 use crate::metrics::mean;
 use crate::prepared::Prepared;
@@ -30,7 +30,7 @@ pub struct Ablate {
     #[arg(long, value_name = "P", default_value_t = Preset::Balanced, value_parser = parse_preset)]
     preset: Preset,
     /// A pixel is bad when its disparity is further than this from the truth, px.
-    #[arg(long, value_name = "PX", default_value_t = 1.0)]
+    #[arg(long, value_name = "PX", default_value_t = 1.0, value_parser = parse_threshold)]
     threshold: f32,
 }
 
@@ -75,7 +75,6 @@ impl Ablate {
     /// # Errors
     /// Fails with one line that names the file or option and the reason.
     pub fn run(self) -> Result<String> {
-        ensure!(self.threshold > 0.0, "--threshold must be above 0");
         let parameters = self.preset.parameters();
         let Method::Sgm(whole) = parameters.method else {
             anyhow::bail!("--preset {}: it has no stages to leave out", self.preset);

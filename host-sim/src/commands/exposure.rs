@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use clap::Args;
 use serde::Serialize;
 use vgstereo_core::{Method, Output, Preset};
 
-use crate::arguments::parse_preset;
+use crate::arguments::{parse_preset, parse_threshold};
 use crate::dataset::{ensure_distinct, find_scenes, load_scene};
 use crate::exposure::Exposure;
 use crate::prepared::Prepared;
@@ -31,7 +31,7 @@ pub struct ExposureWedge {
     #[arg(long, value_name = "P,P", value_delimiter = ',', value_parser = parse_preset)]
     preset: Vec<Preset>,
     /// A pixel is bad when its disparity is further than this from the truth, px.
-    #[arg(long, value_name = "PX", default_value_t = 1.0)]
+    #[arg(long, value_name = "PX", default_value_t = 1.0, value_parser = parse_threshold)]
     threshold: f32,
     /// Match the grey of colour images.
     #[arg(long)]
@@ -99,7 +99,6 @@ impl ExposureWedge {
     /// # Errors
     /// Fails with one line that names the file or option and the reason.
     pub fn run(self) -> Result<String> {
-        ensure!(self.threshold > 0.0, "--threshold must be above 0");
         let presets: Vec<Preset> = if self.preset.is_empty() {
             let aggregates = |preset: &Preset| matches!(preset.parameters().method, Method::Sgm(_));
             Preset::ALL.into_iter().filter(aggregates).collect()

@@ -1,6 +1,7 @@
 //! `vgstereo match`: matches a rectified pair of images and writes the disparity map.
 
 use std::fmt::Write;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
@@ -81,8 +82,8 @@ pub struct Match {
     no_check: bool,
     /// Threads; the map does not depend on their number. The SGM presets take at
     /// most 2.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    threads: usize,
+    #[arg(long, value_name = "N", default_value = "1")]
+    threads: NonZeroUsize,
     #[command(flatten)]
     overrides: Overrides,
 }
@@ -145,7 +146,12 @@ impl Match {
             colour: views.has_colour(),
             ..config
         };
-        let matched = match_frame(&config, &views, NativeKernels::fastest(), self.threads)?;
+        let matched = match_frame(
+            &config,
+            &views,
+            NativeKernels::fastest(),
+            self.threads.get(),
+        )?;
         let map = &matched.disparities_q4;
         let encoded = format.encode(map, width.into())?;
         let to_stdout = self.out == Path::new("-");

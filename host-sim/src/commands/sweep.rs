@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use vgstereo_core::{Output, Preset};
 
-use crate::arguments::{Overrides, parse_preset};
+use crate::arguments::{Overrides, parse_preset, parse_threshold};
 use crate::dataset::{ensure_distinct, find_scenes};
 use crate::files::write_files;
 use crate::prepared::Prepared;
@@ -51,7 +51,7 @@ pub struct Sweep {
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// A pixel is bad when its disparity is further than this from the truth, px.
-    #[arg(long, value_name = "PX", default_value_t = 1.0)]
+    #[arg(long, value_name = "PX", default_value_t = 1.0, value_parser = parse_threshold)]
     threshold: f32,
     /// Print JSON.
     #[arg(long)]
@@ -87,7 +87,6 @@ impl Sweep {
     /// # Errors
     /// Fails with one line that names the file or option and the reason.
     pub fn run(self) -> Result<String> {
-        ensure!(self.threshold > 0.0, "--threshold must be above 0");
         if let Some(path) = &self.plot {
             let svg = path
                 .extension()

@@ -289,7 +289,13 @@ fn eval_and_sweep_refuse_bad_folders() {
     fixture.refuses(&["eval", "nowhere"], &["nowhere", "No such file"]);
     fixture.refuses(&["eval", "set/group"], &["set/group", "no scenes"]);
     fixture.refuses(&["eval", "set", "c"], &["set/c", "left.png"]);
-    fixture.refuses(&["eval", "set", "--threshold", "0"], &["--threshold"]);
+    for threshold in ["0", "inf", "NaN", "3000"] {
+        for command in ["eval", "sweep", "ablate", "exposure"] {
+            let arguments = [command, "set", "--threshold", threshold];
+            fixture.refuses(&arguments, &["--threshold"]);
+        }
+    }
+    fixture.refuses(&["eval", "set", "--threads", "0"], &["--threads"]);
     fixture.refuses(
         &["sweep", "set", "--plot", "plot.png"],
         &["plot.png", ".svg"],
@@ -320,6 +326,16 @@ fn eval_and_sweep_refuse_bad_folders() {
         ),
         (
             "meta.toml",
+            b"d_max = 12\ngt_scale = inf\n",
+            &["set/a/meta.toml", "gt_scale"],
+        ),
+        (
+            "meta.toml",
+            b"d_max = 12\ngt_scale = 1e-45\n",
+            &["set/a/meta.toml", "gt_scale"],
+        ),
+        (
+            "meta.toml",
             b"d_max = 80\ngt_scale = 4\n",
             &["a", "disparities"],
         ),
@@ -333,4 +349,26 @@ fn eval_and_sweep_refuse_bad_folders() {
         fs::write(&path, kept).unwrap();
     }
     assert_eq!(fixture.run(&["eval", "set", "a"]).code, Some(0));
+}
+
+/// Without a mask, all pixels whose truth is known count, as a mask of all pixels does.
+#[test]
+fn a_scene_without_a_mask_is_measured_everywhere() {
+    let fixture = two_scenes();
+    let folder = fixture.path("set/a");
+    GrayImage::from_pixel(WIDTH, HEIGHT, Luma([1]))
+        .save(folder.join("all.png"))
+        .unwrap();
+    let all = || {
+        let run = fixture.run(&["eval", "set", "a", "--preset", "lite", "--json"]);
+        assert_eq!(run.code, Some(0), "{}", run.stderr);
+        let report: serde_json::Value = serde_json::from_str(&run.stdout).unwrap();
+        report["presets"][0]["scenes"][0]["all"].as_f64().unwrap()
+    };
+    let masked = all();
+    for mask in ["nonocc.png", "all.png", "disc.png"] {
+        // Not every scene has every mask.
+        let _ = fs::remove_file(folder.join(mask));
+    }
+    assert_eq!(all(), masked);
 }

@@ -1,13 +1,14 @@
 //! `vgstereo eval`: percentages of bad pixels on scenes with ground truth.
 
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use clap::Args;
 use serde::Serialize;
 use vgstereo_core::Preset;
 
-use crate::arguments::{Overrides, name_of, output_of, parse_preset};
+use crate::arguments::{Overrides, name_of, output_of, parse_preset, parse_threshold};
 use crate::dataset::{ensure_distinct, find_scenes, load_scene_with};
 use crate::files::{make_folder, write_png};
 use crate::frame::Matched;
@@ -40,7 +41,7 @@ pub struct Eval {
     #[arg(long, value_name = "P,P", value_delimiter = ',', value_parser = parse_preset)]
     preset: Vec<Preset>,
     /// A pixel is bad when its disparity is further than this from the truth, px.
-    #[arg(long, value_name = "PX", default_value_t = 1.0)]
+    #[arg(long, value_name = "PX", default_value_t = 1.0, value_parser = parse_threshold)]
     threshold: f32,
     /// Repeat with each of these seeds, separated by commas, and report the spread.
     #[arg(
@@ -75,8 +76,8 @@ pub struct Eval {
     line_offset: LineOffset,
     /// Threads per frame; the figures but the time do not depend on their number. The
     /// SGM presets take at most 2.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    threads: usize,
+    #[arg(long, value_name = "N", default_value = "1")]
+    threads: NonZeroUsize,
     #[command(flatten)]
     overrides: Overrides,
 }
@@ -96,7 +97,6 @@ impl Eval {
     /// # Errors
     /// Fails with one line that names the file or option and the reason.
     pub fn run(self) -> Result<String> {
-        ensure!(self.threshold > 0.0, "--threshold must be above 0");
         let presets = if self.preset.is_empty() {
             Preset::ALL.to_vec()
         } else {
@@ -190,7 +190,7 @@ impl Eval {
         overrides: &Overrides,
     ) -> Result<SceneReport> {
         let output = output_of(self.sparse);
-        let matched = prepared.matched(overrides.apply(preset)?, output, self.threads)?;
+        let matched = prepared.matched(overrides.apply(preset)?, output, self.threads.get())?;
         let bad = prepared.measure(&matched, self.threshold, self.sparse)?;
         if let Some(out) = &self.out {
             self.write_pictures(out, prepared, preset, &matched)?;
