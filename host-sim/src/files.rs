@@ -3,10 +3,23 @@
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, Result, ensure};
 use image::{DynamicImage, ImageFormat};
 use tempfile::NamedTempFile;
+
+/// Held while there are temporary files: from before the first is made until the last has become
+/// what it is to be, or was removed.
+static TEMPORARY_FILES: Mutex<()> = Mutex::new(());
+
+/// Waits until no temporary file is left, and keeps others from being made as long as the result
+/// lives. Who ends the process then leaves nothing behind.
+pub fn without_temporary_files() -> MutexGuard<'static, ()> {
+    TEMPORARY_FILES
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+}
 
 /// Writes each of these files whole or not at all: it writes temporary files beside them, and
 /// renames these when all are written. Links are followed, and what is not a regular file, such
@@ -27,6 +40,7 @@ pub fn write_files<P: AsRef<Path>>(files: &[(P, Vec<u8>)]) -> Result<()> {
         file.and_then(|mut file| file.write_all(bytes))
             .with_context(|| cannot_write(path))?;
     }
+    let _guard = without_temporary_files();
     let mut written = Vec::new();
     for (path, bytes) in renamed {
         let target = destination(path);
@@ -128,14 +142,6 @@ fn write_beside(path: &Path, bytes: &[u8]) -> io::Result<NamedTempFile> {
         .map_err(|error| io::Error::from(error.kind()))?;
     file.as_file_mut().write_all(bytes)?;
     Ok(file)
-}
-
-/// Writes an image as PNG.
-///
-/// # Errors
-/// Fails with one line that names the file and the reason.
-pub fn write_png(path: &Path, image: &DynamicImage) -> Result<()> {
-    write_files(&[(path, encode(image, ImageFormat::Png)?)])
 }
 
 /// Returns the bytes of an image file in this format.

@@ -8,6 +8,13 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
+#[cfg(unix)]
+use signal_hook::consts::{SIGINT, SIGTERM};
+#[cfg(unix)]
+use signal_hook::iterator::Signals;
+
+#[cfg(unix)]
+use crate::files::without_temporary_files;
 
 /// What a command has to say when it is done.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -29,6 +36,7 @@ impl From<String> for Said {
 /// Returns code 0 on success. On a failure it prints one line on standard error and returns
 /// code 2. Control characters, which file names may have, are printed as escapes.
 pub fn run<C: Parser, S: Into<Said>>(command: impl FnOnce(C) -> Result<S>) -> ExitCode {
+    leave_nothing_behind();
     let command_line = match C::try_parse() {
         Ok(command_line) => command_line,
         // The user asked for the help or the version.
@@ -68,6 +76,27 @@ pub fn write_output(bytes: &[u8]) -> Result<()> {
 fn is_closed_pipe(error: &anyhow::Error) -> bool {
     let cause = error.root_cause().downcast_ref::<std::io::Error>();
     cause.is_some_and(|error| error.kind() == ErrorKind::BrokenPipe)
+}
+
+/// Lets an interrupt or a request to end wait until no temporary file is left. Where signals
+/// cannot be caught, they end the process as ever.
+fn leave_nothing_behind() {
+    #[cfg(unix)]
+    if let Ok(mut signals) = Signals::new([SIGINT, SIGTERM]) {
+        std::thread::spawn(move || {
+            for signal in signals.forever() {
+                // Kept until the process has ended, which shells see as by the signal.
+                let _guard = without_temporary_files();
+                let _ = signal_hook::low_level::emulate_default_handler(signal);
+            }
+        });
+    }
+}
+
+/// Prints a line on standard error, beside the results.
+pub fn note(line: &str) {
+    // When standard error is closed, the line cannot be shown anywhere.
+    let _ = writeln!(std::io::stderr(), "{}", printable(line));
 }
 
 /// Prints an error message as one line on standard error and returns code 2.

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow, ensure};
 use clap::{Args, ValueEnum};
+use image::ImageFormat;
 use vgstereo_core::{Config, DisparityRange, Matcher, Preset, STEPS_PER_PX};
 use vgstereo_firmware::camera::{Layout, LinePairSource, PixelFormat};
 use vgstereo_firmware::{Session, session};
@@ -15,7 +16,7 @@ use vgstereo_kernels::NativeKernels;
 use crate::camera::SimulatedCamera;
 use crate::dataset::save_scene;
 use crate::exposure::Exposure;
-use crate::files::{make_folder, write_png};
+use crate::files::{encode, make_folder, write_files};
 use crate::line_offset::LineOffset;
 use crate::metrics::BadPixels;
 use crate::pictures::{colour_disparities, error_map};
@@ -23,6 +24,7 @@ use crate::render::{RenderOptions, SIDE_MAX_PX, SIDE_MIN_PX, render};
 use crate::scene::Scene;
 use crate::sink::FrameCollector;
 use crate::tables::{kib, milliseconds, percent, table};
+use crate::terminal::write_output;
 
 /// The usual threshold of the benchmark, px: disparities further from the ground truth are bad.
 const THRESHOLD_PX: f32 = 1.0;
@@ -190,7 +192,7 @@ impl Demo {
             ]);
             last = run.disparities_q4;
         }
-        let mut text = format!(
+        let table_text = format!(
             "built-in scene, {}x{} px, disparities 0 to {}, fed line by line\n\n{table}\n\
              bad pixels in percent, further than {THRESHOLD_PX} px from the truth; KiB of working\n\
              memory, line buffers included, for any height; ms on one thread\n\n",
@@ -203,6 +205,7 @@ impl Demo {
             .map(|px| (px * f32::from(STEPS_PER_PX)).round() as i16)
             .collect();
         let range = DisparityRange::up_to(scene.d_max);
+        let mut files = Vec::new();
         for (name, picture) in [
             ("left.png", scene.left.clone()),
             ("right.png", scene.right.clone()),
@@ -216,8 +219,14 @@ impl Demo {
                 error_map(&last, self.width, truth, THRESHOLD_PX),
             ),
         ] {
-            let path = self.out.join(name);
-            write_png(&path, &picture.into())?;
+            let bytes = encode(&picture.into(), ImageFormat::Png)?;
+            files.push((self.out.join(name), bytes));
+        }
+        // What was measured is told even if the pictures cannot be written.
+        write_output(table_text.as_bytes())?;
+        write_files(&files)?;
+        let mut text = String::new();
+        for (path, _) in &files {
             writeln!(text, "wrote {}", path.display())?;
         }
         if let Some(folder) = &self.scene {

@@ -2,7 +2,7 @@
 
 use std::fmt::Display;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma};
@@ -68,6 +68,37 @@ pub fn find_scenes(folder: &Path, names: &[String]) -> Result<Vec<PathBuf>> {
     );
     scenes.sort();
     Ok(scenes)
+}
+
+/// Returns names by which scenes are told apart: of each folder the last name of its path, or as many
+/// more above it, joined by `/`, as no other of the folders ends with.
+#[must_use]
+pub fn distinct_names(folders: &[PathBuf]) -> Vec<String> {
+    let paths: Vec<PathBuf> = folders
+        .iter()
+        .map(|folder| folder.canonicalize().unwrap_or_else(|_| folder.clone()))
+        .collect();
+    let end = |path: &Path, count: usize| -> Vec<String> {
+        let normal = path
+            .components()
+            .filter(|part| matches!(part, Component::Normal(_)));
+        let names: Vec<String> = normal
+            .map(|part| part.as_os_str().to_string_lossy().into_owned())
+            .collect();
+        names[names.len().saturating_sub(count)..].to_vec()
+    };
+    let name = |(index, path): (usize, &PathBuf)| {
+        let others = || {
+            paths
+                .iter()
+                .enumerate()
+                .filter(|(other, _)| *other != index)
+        };
+        let count = (1..=path.components().count())
+            .find(|&count| others().all(|(_, other)| end(other, count) != end(path, count)));
+        end(path, count.unwrap_or(usize::MAX)).join("/")
+    };
+    paths.iter().enumerate().map(name).collect()
 }
 
 /// Checks that no item of a list is given twice, since it would count twice in every mean.
@@ -255,6 +286,27 @@ fn ensure_size(path: &Path, found: (u32, u32), view: (u32, u32)) -> Result<()> {
 mod tests {
     use super::*;
     use image::RgbImage;
+
+    #[test]
+    fn scenes_are_named_apart() {
+        let names = |paths: &[&str]| {
+            let folders: Vec<PathBuf> = paths.iter().map(PathBuf::from).collect();
+            distinct_names(&folders)
+        };
+        assert_eq!(
+            names(&["/x/v2/tsukuba", "/x/v2/teddy"]),
+            ["tsukuba", "teddy"]
+        );
+        assert_eq!(
+            names(&["/x/g1/a", "/x/g2/a", "/x/b"]),
+            ["g1/a", "g2/a", "b"]
+        );
+        assert_eq!(
+            names(&["/x/g/a", "/y/g/a", "/x/g-a"]),
+            ["x/g/a", "y/g/a", "g-a"]
+        );
+        assert_eq!(names(&["/a", "/x/a"]), ["a", "x/a"]);
+    }
 
     /// What is saved is what is loaded, disparities to a step of 16 bits.
     #[test]

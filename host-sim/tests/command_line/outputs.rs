@@ -88,3 +88,108 @@ fn a_scene_counts_once_however_it_is_spelt() {
         fixture.refuses(&arguments, &[spelling, "twice"]);
     }
 }
+
+#[test]
+fn scenes_with_one_last_name_stay_apart() {
+    let fixture = two_scenes();
+    for group in ["g1", "g2"] {
+        let folder = fixture.path("set").join(group).join("a");
+        fs::create_dir_all(&folder).unwrap();
+        for entry in fs::read_dir(fixture.path("set/a")).unwrap() {
+            let path = entry.unwrap().path();
+            fs::copy(&path, folder.join(path.file_name().unwrap())).unwrap();
+        }
+    }
+    let arguments = [
+        "eval", "set", "g1/a", "g2/a", "--preset", "lite", "--out", "pictures",
+    ];
+    let outcome = fixture.run(&arguments);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    for name in ["g1/a", "g2/a"] {
+        assert!(
+            outcome.stdout.contains(&format!("| {name} ")),
+            "{}",
+            outcome.stdout
+        );
+        for what in ["disparity", "error"] {
+            let picture = fixture
+                .path("pictures")
+                .join(format!("{name}-lite-{what}.png"));
+            assert!(picture.is_file(), "{}", picture.display());
+        }
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_full_disk_leaves_the_demo_its_table_and_no_picture() {
+    let fixture = Fixture::new();
+    let program = assert_cmd::cargo::cargo_bin("vgstereo");
+    // Files of at most 8 blocks, where a picture takes more; the signal of that is ignored.
+    let script = format!(
+        "trap '' XFSZ; ulimit -f 8; exec {} --width 96 --height 72 --d-max 16",
+        program.display()
+    );
+    let output = std::process::Command::new("sh")
+        .args(["-c", &script])
+        .current_dir(fixture.folder.path())
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(said.contains("| quality"), "{said}");
+    assert_eq!(fs::read_dir(fixture.path("out")).unwrap().count(), 0);
+}
+
+#[cfg(unix)]
+#[test]
+fn signals_leave_no_temporary_file_and_no_half_pair() {
+    use std::time::Duration;
+    let fixture = Fixture::new();
+    let program = assert_cmd::cargo::cargo_bin("vgstereo");
+    let before = fixture.files();
+    let mut ended = 0;
+    for round in 0..40 {
+        let mut child = std::process::Command::new(&program)
+            .args([
+                "match",
+                "left.png",
+                "right.png",
+                "--preset",
+                "lite",
+                "--d-max",
+                "12",
+            ])
+            .args(["--no-check", "--out", "o.png", "--colour", "c.png"])
+            .current_dir(fixture.folder.path())
+            .stdout(std::process::Stdio::null())
+            .spawn()
+            .unwrap();
+        if round % 2 == 0 {
+            std::thread::sleep(Duration::from_micros(400 * round));
+        } else {
+            // At the write.
+            while child.try_wait().unwrap().is_none() && fixture.files() == before {}
+        }
+        let signal = if round % 4 < 2 { "-INT" } else { "-TERM" };
+        let killed = std::process::Command::new("kill")
+            .args([signal, &child.id().to_string()])
+            .stderr(std::process::Stdio::null())
+            .status();
+        let status = child.wait().unwrap();
+        assert!(killed.is_ok());
+        ended += u32::from(status.code().is_none());
+        let mut files = fixture.files();
+        files.retain(|name| !before.contains(name));
+        assert!(
+            files.is_empty() || files == ["c.png", "o.png"],
+            "round {round}: {files:?}"
+        );
+        for file in files {
+            let bytes = fs::read(fixture.path(&file)).unwrap();
+            image::load_from_memory(&bytes).unwrap();
+            fs::remove_file(fixture.path(&file)).unwrap();
+        }
+    }
+    assert!(ended > 0, "no signal ended the program");
+}

@@ -5,18 +5,19 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::Args;
+use image::ImageFormat;
 use serde::Serialize;
 use vgstereo_core::Preset;
 
 use crate::arguments::{Overrides, name_of, output_of, parse_preset, parse_threshold};
-use crate::dataset::{ensure_distinct, find_scenes, load_scene_with};
-use crate::files::{make_folder, write_png};
+use crate::dataset::{distinct_names, ensure_distinct, find_scenes, load_scene_with};
+use crate::files::{encode, make_folder, write_files};
 use crate::frame::Matched;
 use crate::images::{bits_note, parse_bits};
 use crate::line_offset::{LineOffset, lowered};
 use crate::pictures::{colour_disparities, error_map};
 use crate::prepared::Prepared;
-use crate::terminal::progress_bar;
+use crate::terminal::{note, progress_bar};
 use compare::{Ranked, ensure_comparable, ensure_has_masks, rank, ranking_table};
 use report::{PresetReport, SceneReport, results_table};
 use spread::SpreadReport;
@@ -135,12 +136,12 @@ impl Eval {
         let bar = progress_bar((runs.len() * folders.len()) as u64, "matching");
         let mut reports: Vec<Vec<SceneReport>> = runs.iter().map(|_| Vec::new()).collect();
         // Scenes are the outer loop, so that one of them is in memory at a time.
-        for folder in folders {
-            let prepared = self.load(folder)?;
+        for (folder, name) in folders.iter().zip(distinct_names(folders)) {
+            let mut prepared = self.load(folder)?;
             if let Some(bits) = prepared.scene.bits {
-                let name = &prepared.scene.name;
-                bar.suspend(|| eprintln!("{name}: {}", bits_note(bits)));
+                bar.suspend(|| note(&format!("{name}: {}", bits_note(bits))));
             }
+            prepared.scene.name = name;
             for (&(seed, preset), reports) in runs.iter().zip(&mut reports) {
                 let overrides = Overrides {
                     seed,
@@ -224,12 +225,19 @@ impl Eval {
         let (map, width) = (&matched.disparities_q4, scene.left.width());
         let path = |what: &str| out.join(format!("{}-{preset}-{what}.png", scene.name));
         let coloured = colour_disparities(map, width, prepared.disparities());
-        write_png(&path("disparity"), &coloured.into())?;
+        let mut files = vec![(
+            path("disparity"),
+            encode(&coloured.into(), ImageFormat::Png)?,
+        )];
         if let Some(truth) = &scene.truth {
             let errors = error_map(map, width, truth, self.threshold);
-            write_png(&path("error"), &errors.into())?;
+            files.push((path("error"), encode(&errors.into(), ImageFormat::Png)?));
         }
-        Ok(())
+        // A name may begin with those of folders.
+        if let Some(folder) = path("disparity").parent() {
+            make_folder(folder)?;
+        }
+        write_files(&files)
     }
 
     /// Returns the table or the JSON of a single seed.
