@@ -9,6 +9,7 @@ use std::io::{Cursor, Read};
 use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
+use image::codecs::pnm::PnmDecoder;
 use image::metadata::Orientation;
 use image::{
     ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits, Rgb, RgbImage,
@@ -115,13 +116,11 @@ impl ImageFile {
     /// # Errors
     /// Fails with one line that names the file and the reason: it is damaged or breaks off.
     pub fn decode(&self) -> Result<DynamicImage> {
-        if self.format == ImageFormat::Jpeg {
-            ensure!(
-                jpeg_has_end(&self.bytes),
-                "cannot read {}: the JPEG breaks off before its end",
-                self.name
-            );
-        }
+        ensure!(
+            has_end(self.format, &self.bytes),
+            "cannot read {}: the file breaks off before its end",
+            self.name
+        );
         let mut decoder = self.decoder()?;
         let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
         let mut image = DynamicImage::from_decoder(decoder).map_err(|e| self.refused(&e))?;
@@ -129,10 +128,13 @@ impl ImageFile {
         Ok(image)
     }
 
-    /// Whether the file states how many of the bits of its levels are used, as a portable map does by
-    /// its largest value: its levels are scaled to the full range when they are read.
+    /// Whether the file states which of 16 bits are used, as a portable map does by its largest value:
+    /// its levels are scaled to the full range when they are read. The value 65535 states nothing, as it
+    /// is written for whatever a camera gave.
     fn states_depth(&self) -> bool {
         self.format == ImageFormat::Pnm
+            && PnmDecoder::new(Cursor::new(&self.bytes))
+                .is_ok_and(|decoder| decoder.header().maximal_sample() < u16::MAX.into())
     }
 
     fn decoder(&self) -> Result<impl ImageDecoder + '_> {
@@ -157,6 +159,24 @@ impl ImageFile {
 /// Fails with one line that names the file and the reason; see [`ImageFile`].
 pub fn read_image(path: &Path) -> Result<DynamicImage> {
     ImageFile::open(path)?.decode()
+}
+
+/// Whether a file goes on to its end, for the formats whose decoders make up what is missing; those of
+/// the others tell.
+fn has_end(format: ImageFormat, bytes: &[u8]) -> bool {
+    match format {
+        ImageFormat::Jpeg => jpeg_has_end(bytes),
+        // The RIFF header states how many bytes follow its first 8.
+        ImageFormat::WebP => bytes
+            .get(4..)
+            .and_then(<[u8]>::split_first_chunk)
+            .is_some_and(|(size, rest)| rest.len() as u64 >= u64::from(u32::from_le_bytes(*size))),
+        // White space follows each number of a plain map; without it, digits may be missing.
+        ImageFormat::Pnm if bytes.starts_with(b"P2") || bytes.starts_with(b"P3") => {
+            !bytes.last().is_some_and(u8::is_ascii_digit)
+        }
+        _ => true,
+    }
 }
 
 /// Whether the segments of a JPEG go on to the marker of its end. Decoders take one that breaks off
@@ -201,8 +221,8 @@ pub struct ViewImages {
 impl ViewImages {
     /// Decodes a pair of views. Of levels with 16 bits the upper 8 of those are kept that the pair
     /// uses: `bits` of them, 8 to 16, or else the fewest that hold the largest level of both views,
-    /// as cameras of 10 or 12 bits store theirs in files of 16. A view of 8 bits is taken as it is.
-    /// Alpha is ignored.
+    /// as cameras of 10 or 12 bits store theirs in files of 16. A view of 8 bits is taken as it is, and
+    /// so is one whose file states its largest level, below 65535. Alpha is ignored.
     ///
     /// # Errors
     /// Fails with one line that names the file and the reason: one cannot be decoded, they differ in
@@ -220,13 +240,14 @@ impl ViewImages {
         );
         let mut images = Vec::new();
         let mut largest = None;
-        let mut states_depth = false;
         for file in [left, right] {
             let image = file.decode()?;
+            let states_depth = file.states_depth();
             match image.color() {
                 ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => {
-                    largest = largest.max(Some(largest_level(&image)));
-                    states_depth |= file.states_depth();
+                    if !states_depth {
+                        largest = largest.max(Some(largest_level(&image)));
+                    }
                 }
                 ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => {}
                 _ => bail!(
@@ -234,17 +255,14 @@ impl ViewImages {
                     file.name
                 ),
             }
-            images.push(image);
+            images.push((image, states_depth));
         }
-        let used = match (largest, bits) {
-            (None, _) => None,
-            (Some(_), Some(bits)) => Some(bits.clamp(8, 16)),
-            (Some(_), None) if states_depth => Some(16),
-            (Some(largest), None) => Some((16 - largest.leading_zeros() as u8).max(8)),
-        };
-        let mut views = images.into_iter().map(|image| match used {
-            Some(bits) => with_upper_bits(image, bits),
-            None => image.into_rgb8(),
+        let used = largest.map(|largest| match bits {
+            Some(bits) => bits.clamp(8, 16),
+            None => (16 - largest.leading_zeros() as u8).max(8),
+        });
+        let mut views = images.into_iter().map(|(image, states_depth)| {
+            with_upper_bits(image, used.filter(|_| !states_depth).unwrap_or(16))
         });
         let (Some(left), Some(right)) = (views.next(), views.next()) else {
             bail!("a pair has two views");

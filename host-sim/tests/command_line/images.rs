@@ -6,6 +6,7 @@ use std::io::Cursor;
 use assert_cmd::Command;
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::PngEncoder;
+use image::codecs::webp::WebPEncoder;
 use image::{
     DynamicImage, ExtendedColorType, GrayImage, ImageBuffer, ImageEncoder, ImageFormat, Luma, Rgb,
     RgbImage, Rgba,
@@ -119,12 +120,79 @@ fn a_portable_map_states_its_largest_value() {
     }
 }
 
+/// What a file states of its depth is its own: it bears on no other view, and `--bits` not on it. The
+/// largest value 65535 states nothing.
+#[test]
+fn a_stated_depth_is_that_of_its_file_alone() {
+    let fixture = Fixture::new();
+    for (side, shift) in [("left", 0), ("right", crate::fixture::SHIFT)] {
+        let grey = DynamicImage::from(texture(shift)).into_luma8();
+        grey.save(fixture.path(&format!("{side}-8.png"))).unwrap();
+        // 4 k of 1023, scaled to 16 bits, has the upper 8 bits k for every k below 256.
+        let ten_bits = |level: &u8| u16::from(*level) << 2;
+        let levels: Vec<u16> = grey.as_raw().iter().map(ten_bits).collect();
+        for largest in [1023, 65_535] {
+            let mut bytes = format!("P5\n{WIDTH} {HEIGHT}\n{largest}\n").into_bytes();
+            bytes.extend(levels.iter().flat_map(|level| level.to_be_bytes()));
+            fs::write(fixture.path(&format!("{side}-{largest}.pgm")), bytes).unwrap();
+        }
+        let wide = ImageBuffer::<Luma<u16>, _>::from_raw(WIDTH, HEIGHT, levels).unwrap();
+        wide.save(fixture.path(&format!("{side}-10.png"))).unwrap();
+    }
+    let (expected, _) = matched(&fixture, "left-8.png", "right-8.png", &[]);
+    for (left, right, more) in [
+        ("left-1023.pgm", "right-1023.pgm", &["--bits", "10"][..]),
+        ("left-10.png", "right-1023.pgm", &[]),
+        ("left-1023.pgm", "right-10.png", &["--bits", "10"]),
+        ("left-65535.pgm", "right-65535.pgm", &[]),
+        ("left-65535.pgm", "right-10.png", &[]),
+    ] {
+        let (map, said) = matched(&fixture, left, right, more);
+        assert!(map == expected, "{left} {right}");
+        let all_stated = left.contains("1023") && right.contains("1023");
+        assert_eq!(said.contains("use 10 of them"), !all_stated, "{said}");
+    }
+}
+
 /// An EXIF block that states an orientation, 1 to 8.
 fn exif(orientation: u16) -> Vec<u8> {
     let mut block = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0".to_vec();
     block.extend(orientation.to_le_bytes());
     block.extend([0; 6]);
     block
+}
+
+/// An uncompressed TIFF that states an orientation.
+fn turned_tiff(image: &RgbImage, orientation: u16) -> Vec<u8> {
+    let (width, height) = image.dimensions();
+    let pixels = image.as_raw().len() as u32;
+    // Tag, type (3: 16 bits, 4: 32 bits), count, value; the pixels follow the header of 8 bytes, and
+    // the three depths follow the pixels.
+    let entries: [(u16, u16, u32, u32); 10] = [
+        (256, 4, 1, width),
+        (257, 4, 1, height),
+        (258, 3, 3, 8 + pixels),
+        (259, 3, 1, 1),
+        (262, 3, 1, 2),
+        (273, 4, 1, 8),
+        (274, 3, 1, orientation.into()),
+        (277, 3, 1, 3),
+        (278, 4, 1, height),
+        (279, 4, 1, pixels),
+    ];
+    let mut bytes = b"II*\0".to_vec();
+    bytes.extend((8 + pixels + 6).to_le_bytes());
+    bytes.extend(image.as_raw());
+    bytes.extend([8, 0, 8, 0, 8, 0]);
+    bytes.extend((entries.len() as u16).to_le_bytes());
+    for (tag, kind, count, value) in entries {
+        bytes.extend(tag.to_le_bytes());
+        bytes.extend(kind.to_le_bytes());
+        bytes.extend(count.to_le_bytes());
+        bytes.extend(value.to_le_bytes());
+    }
+    bytes.extend([0; 4]);
+    bytes
 }
 
 #[test]
@@ -169,6 +237,22 @@ fn images_are_turned_upright() {
             upright,
             "PNG {orientation}"
         );
+
+        let mut webp = Vec::new();
+        let mut encoder = WebPEncoder::new_lossless(&mut webp);
+        encoder.set_exif_metadata(exif(orientation)).unwrap();
+        encoder
+            .write_image(image.as_raw(), width, height, ExtendedColorType::Rgb8)
+            .unwrap();
+        for (name, bytes) in [
+            ("a.webp", webp),
+            ("a.tiff", turned_tiff(&image, orientation)),
+        ] {
+            let file = ImageFile::from_bytes(bytes, name).unwrap();
+            assert_eq!(file.dimensions(), upright.dimensions());
+            let decoded = file.decode().unwrap().into_rgb8();
+            assert_eq!(decoded, upright, "{name} {orientation}");
+        }
 
         let mut jpeg = Vec::new();
         let mut encoder = JpegEncoder::new_with_quality(&mut jpeg, 100);
@@ -266,6 +350,9 @@ fn a_view_comes_from_standard_input() {
     fixture.refuses(&["match", "-", "-", "--out", "o.png"], &["standard input"]);
 }
 
+/// A gradient of 16x16 px as a lossy WebP, which no crate at hand writes: made with libwebp's encoder.
+const LOSSY_WEBP: &[u8] = b"RIFF6\x00\x00\x00WEBPVP8 *\x00\x00\x00P\x01\x00\x9d\x01*\x10\x00\x10\x00\x0f\xc0\xfe%\xb0\x00\x04t\x00\x00\xfeJ\x9b\xf7\x08\xa7\x02\xb1\xe2\x08C\xdc\xffsGnF\xda.\x04\x00\x00";
+
 #[test]
 fn what_breaks_off_is_never_taken_for_whole() {
     let scene = render(&RenderOptions {
@@ -283,10 +370,18 @@ fn what_breaks_off_is_never_taken_for_whole() {
         ImageFormat::Tiff,
         ImageFormat::WebP,
     ];
+    let mut files = Vec::new();
     for format in formats {
         let mut bytes = Cursor::new(Vec::new());
         image.write_to(&mut bytes, format).unwrap();
-        let bytes = bytes.into_inner();
+        files.push((format!("{format:?}"), bytes.into_inner()));
+    }
+    files.push(("lossy WebP".to_owned(), LOSSY_WEBP.to_vec()));
+    files.push((
+        "plain map".to_owned(),
+        b"P2\n3 2\n255\n1 20 130\n4 50 160\n".to_vec(),
+    ));
+    for (format, bytes) in files {
         let read = |bytes: &[u8]| {
             let file = ImageFile::from_bytes(bytes.to_vec(), "cut").ok()?;
             file.decode().ok()
@@ -295,12 +390,7 @@ fn what_breaks_off_is_never_taken_for_whole() {
         for length in 0..bytes.len() {
             if let Some(cut) = read(&bytes[..length]) {
                 // Only bytes without pixels are missing.
-                assert_eq!(
-                    cut,
-                    whole,
-                    "{format:?} of {length} of {} bytes",
-                    bytes.len()
-                );
+                assert_eq!(cut, whole, "{format}: {length} of {} bytes", bytes.len());
             }
         }
     }
