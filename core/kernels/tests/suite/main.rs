@@ -52,8 +52,6 @@ fn trial<K: Kernels + Send + 'static>(name: &str, set: Option<K>, test: fn(K)) -
 }
 
 fn main() {
-    #[cfg(unix)]
-    guarded::overread_if_asked();
     let names = || {
         native_sets_are_named_from_the_slowest_on();
         Ok(())
