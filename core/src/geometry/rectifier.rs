@@ -47,6 +47,8 @@ pub struct Rectifier<'m, 'r> {
     lines_in: u16,
     /// The next rectified pair.
     next_line: u16,
+    /// Number of raw pairs with which that is complete; kept, as it takes a walk along the line.
+    next_complete: u16,
 }
 
 /// The newest raw lines of one camera, and the positions of the row that is resampled from them.
@@ -167,6 +169,7 @@ impl<'m, 'r> Rectifier<'m, 'r> {
         let mut view = |map| RawView::new(map, rectification.raw_width, colour, &mut arena);
         Ok(Self {
             views: [view(&rectification.left)?, view(&rectification.right)?],
+            next_complete: rectification.lines_until(0),
             rectification,
             lines_in: 0,
             next_line: 0,
@@ -193,18 +196,17 @@ impl<'m, 'r> Rectifier<'m, 'r> {
         if left.width() != width || right.width() != width {
             return Err(RawLineError::Width);
         }
-        let [left_view, right_view] = &mut self.views;
-        if left_view.has_colour() && !(left.has_colour() && right.has_colour()) {
+        let [view, _] = &self.views;
+        if view.has_colour() && !(left.has_colour() && right.has_colour()) {
             return Err(RawLineError::Colour);
         }
         if self.lines_in >= self.rectification.raw_height {
             return Err(RawLineError::TooManyLines);
         }
-        if self.next_line < self.rectification.height
-            && self.lines_in >= self.rectification.lines_until(self.next_line)
-        {
+        if self.is_ready() {
             return Err(RawLineError::NotTaken);
         }
+        let [left_view, right_view] = &mut self.views;
         left_view.push(left);
         right_view.push(right);
         self.lines_in += 1;
@@ -214,11 +216,11 @@ impl<'m, 'r> Rectifier<'m, 'r> {
     /// Returns the next rectified pair, from the top, left and right, if the raw lines that it
     /// needs have come.
     pub fn next_pair(&mut self) -> Option<[RectifiedLine<'_>; 2]> {
-        let y = self.next_line;
-        if y >= self.rectification.height || self.lines_in < self.rectification.lines_until(y) {
+        if !self.is_ready() {
             return None;
         }
-        self.next_line += 1;
+        let y = self.next_line;
+        self.go_to(y + 1);
         let [left, right] = &mut self.views;
         left.locate(&self.rectification.left, y);
         right.locate(&self.rectification.right, y);
@@ -232,7 +234,17 @@ impl<'m, 'r> Rectifier<'m, 'r> {
             view.clear();
         }
         self.lines_in = 0;
-        self.next_line = 0;
+        self.go_to(0);
+    }
+
+    /// Whether the raw lines of the next rectified pair have come.
+    fn is_ready(&self) -> bool {
+        self.next_line < self.rectification.height && self.lines_in >= self.next_complete
+    }
+
+    fn go_to(&mut self, next_line: u16) {
+        self.next_line = next_line;
+        self.next_complete = self.rectification.lines_until(next_line);
     }
 }
 

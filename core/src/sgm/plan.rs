@@ -311,11 +311,7 @@ mod tests {
             assert_eq!(depth, refinement as usize);
             let matching = (2 * ahead + 1).max(ahead + 2);
             let reference = plan.reference;
-            let kept = if sgm.colour && config.colour {
-                [reference.grey_lines, reference.colour_lines]
-            } else {
-                [reference.grey_lines, 0]
-            };
+            let kept = [reference.grey_lines, reference.colour_lines];
             let both = refinement.max(matching) as usize;
             let expected = if sgm.colour && config.colour {
                 [matching as usize, both]
