@@ -8,7 +8,7 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 use super::depth::Depth;
 use crate::kernel::{cell_positions, sixteenth_shift};
 
-/// What the bytes of a rectification begin with.
+/// The first bytes of a rectification.
 const MAGIC: [u8; 4] = *b"VGRF";
 /// The version of the format that this program reads.
 const VERSION: u16 = 1;
@@ -132,6 +132,32 @@ impl<'a> Rectification<'a> {
     /// # Errors
     /// [`RectificationError`] when the bytes do not hold one, are damaged, or contradict each other.
     pub const fn from_bytes(bytes: &'a [u8]) -> Result<Self, RectificationError> {
+        let read = match Self::with_stated_lines(bytes) {
+            Ok(read) => read,
+            Err(error) => return Err(error),
+        };
+        let [left, right] = read.needed_lines();
+        if left != read.left.kept_lines || right != read.right.kept_lines {
+            return Err(RectificationError::Lines);
+        }
+        Ok(read)
+    }
+
+    /// Number of lines that have to be kept of each raw view, for the program that writes the bytes:
+    /// as [`Rectification::needed_lines`], whatever numbers the bytes state.
+    ///
+    /// # Errors
+    /// As [`Rectification::from_bytes`], but for those numbers.
+    #[doc(hidden)]
+    pub const fn needed_lines_of(bytes: &'a [u8]) -> Result<[u16; 2], RectificationError> {
+        match Self::with_stated_lines(bytes) {
+            Ok(read) => Ok(read.needed_lines()),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Reads all but that it believes the stated numbers of lines to keep.
+    const fn with_stated_lines(bytes: &'a [u8]) -> Result<Self, RectificationError> {
         let Some((content, stated)) = bytes.split_last_chunk::<CHECKSUM_BYTES>() else {
             return Err(RectificationError::Format);
         };
@@ -182,7 +208,7 @@ impl<'a> Rectification<'a> {
         if (numerator_q8 > 0 && depth.is_none()) || focal_q8 == 0 || focal_q8 > i32::MAX as u32 {
             return Err(RectificationError::Camera);
         }
-        let read = Self {
+        Ok(Self {
             raw_width,
             raw_height,
             width,
@@ -195,12 +221,7 @@ impl<'a> Rectification<'a> {
                 u32_at(header, 32).cast_signed(),
                 u32_at(header, 36).cast_signed(),
             ],
-        };
-        let needed = read.needed_lines();
-        if needed[0] != left.kept_lines || needed[1] != right.kept_lines {
-            return Err(RectificationError::Lines);
-        }
-        Ok(read)
+        })
     }
 
     /// Number of lines that have to be kept of each raw view, so that no line of the rectified views

@@ -22,11 +22,11 @@ pub(super) fn read(document: &Document) -> Result<StereoCalibration> {
     let motion = root.require("rightToLeft")?;
     let turned = motion.require("rotation")?;
     let back = turned.within(rotation(turned.numbers()?))?.transpose();
-    let coordinate = |key: &str| -> Result<f64> {
-        let [number] = motion.require(key)?.numbers()?;
-        Ok(number)
-    };
-    let moved = DVec3::new(coordinate("x")?, coordinate("y")?, coordinate("z")?);
+    let moved = DVec3::new(
+        number(&motion, "x")?,
+        number(&motion, "y")?,
+        number(&motion, "z")?,
+    );
     Ok(StereoCalibration {
         format: "BoofCV",
         cameras: [
@@ -46,10 +46,6 @@ fn camera(entry: &Entry<'_>) -> Result<Camera> {
     let model = entry.require("model")?;
     let name = model.text().unwrap_or_default();
     let pinhole = entry.require("pinhole")?;
-    let number = |entry: &Entry<'_>, key: &str| -> Result<f64> {
-        let [number] = entry.require(key)?.numbers()?;
-        Ok(number)
-    };
     let lens = if name == "pinhole_radial_tangential" {
         let distortion = entry.require("radial_tangential")?;
         let radial = distortion.require("radial")?;
@@ -76,4 +72,10 @@ fn camera(entry: &Entry<'_>) -> Result<Camera> {
     ];
     let size = pinhole.size_of("width", "height")?;
     pinhole.within(Camera::new(intrinsics, lens, size))
+}
+
+/// The one number of the entry of this name below another.
+fn number(entry: &Entry<'_>, key: &str) -> Result<f64> {
+    let [number] = entry.require(key)?.numbers()?;
+    Ok(number)
 }

@@ -3,6 +3,7 @@
 use anyhow::{Result, ensure};
 use glam::{DVec2, DVec3};
 
+use super::document::Entry;
 use super::lens::Lens;
 
 /// A calibrated camera. Pixel centres have whole numbers, the first is 0.
@@ -58,6 +59,24 @@ impl Camera {
             "the camera matrix is not fx 0 cx, 0 fy cy, 0 0 1"
         );
         Self::new([fx, fy, cx, cy], lens, size)
+    }
+
+    /// A camera as Kalibr and EuRoC state it, whose distortion coefficients have this key.
+    ///
+    /// # Errors
+    /// Fails with one line that names the file and the reason.
+    pub(super) fn from_entry(entry: &Entry<'_>, coefficients: &str) -> Result<Self> {
+        let model = entry.require("camera_model")?;
+        model.within(Lens::ensure_pinhole(model.text().unwrap_or_default()))?;
+        let distortion = entry.require("distortion_model")?;
+        let coefficients = entry.require(coefficients)?.list()?;
+        let lens = distortion.within(Lens::named(
+            distortion.text().unwrap_or_default(),
+            &coefficients,
+        ))?;
+        let intrinsics = entry.require("intrinsics")?;
+        let size = entry.require("resolution")?.size()?;
+        intrinsics.within(Self::new(intrinsics.numbers()?, lens, Some(size)))
     }
 
     /// Where a camera sees a point of its coordinates (x to the right, y down, z ahead), px, and

@@ -4,7 +4,6 @@ use anyhow::Result;
 
 use super::camera::Camera;
 use super::document::Document;
-use super::lens::Lens;
 use super::stereo::{StereoCalibration, between, transformation};
 
 /// Whether a file is one of a sensor.
@@ -22,6 +21,8 @@ pub(super) fn read(documents: [&Document; 2]) -> Result<StereoCalibration> {
         let place = document.root().require("T_BS")?;
         place.within(transformation(&place.numbers::<16>()?))
     };
+    let camera =
+        |document: &Document| Camera::from_entry(&document.root(), "distortion_coefficients");
     let (rotation, translation) = between([placed(left)?, placed(right)?], false);
     Ok(StereoCalibration {
         format: "EuRoC sensors",
@@ -32,19 +33,4 @@ pub(super) fn read(documents: [&Document; 2]) -> Result<StereoCalibration> {
         stored: None,
         warnings: Vec::new(),
     })
-}
-
-fn camera(document: &Document) -> Result<Camera> {
-    let root = document.root();
-    let model = root.require("camera_model")?;
-    model.within(Lens::ensure_pinhole(model.text().unwrap_or_default()))?;
-    let distortion = root.require("distortion_model")?;
-    let coefficients = root.require("distortion_coefficients")?.list()?;
-    let lens = distortion.within(Lens::named(
-        distortion.text().unwrap_or_default(),
-        &coefficients,
-    ))?;
-    let intrinsics = root.require("intrinsics")?;
-    let size = root.require("resolution")?.size()?;
-    intrinsics.within(Camera::new(intrinsics.numbers()?, lens, Some(size)))
 }

@@ -4,7 +4,6 @@ use anyhow::{Result, ensure};
 
 use super::camera::Camera;
 use super::document::{Document, Entry};
-use super::lens::Lens;
 use super::stereo::{StereoCalibration, between, transformation};
 
 /// Whether a file is a chain.
@@ -37,6 +36,7 @@ pub(super) fn read(document: &Document) -> Result<StereoCalibration> {
         };
         between([motion(left)?, motion(right)?], from_body)
     };
+    let camera = |entry| Camera::from_entry(entry, "distortion_coeffs");
     Ok(StereoCalibration {
         format: "Kalibr",
         cameras: [camera(left)?, camera(right)?],
@@ -46,18 +46,4 @@ pub(super) fn read(document: &Document) -> Result<StereoCalibration> {
         stored: None,
         warnings: Vec::new(),
     })
-}
-
-fn camera(entry: &Entry<'_>) -> Result<Camera> {
-    let model = entry.require("camera_model")?;
-    model.within(Lens::ensure_pinhole(model.text().unwrap_or_default()))?;
-    let distortion = entry.require("distortion_model")?;
-    let coefficients = entry.require("distortion_coeffs")?.list()?;
-    let lens = distortion.within(Lens::named(
-        distortion.text().unwrap_or_default(),
-        &coefficients,
-    ))?;
-    let intrinsics = entry.require("intrinsics")?;
-    let size = entry.require("resolution")?.size()?;
-    intrinsics.within(Camera::new(intrinsics.numbers()?, lens, Some(size)))
 }

@@ -4,7 +4,6 @@ use anyhow::{Context, Result, ensure};
 use crc::{CRC_32_ISO_HDLC, Crc};
 use glam::DVec2;
 use vgstereo_core::geometry::Rectification;
-use vgstereo_core::kernel::{cell_positions, sixteenth_shift};
 
 use super::rectified::RectifiedPair;
 
@@ -213,47 +212,6 @@ impl Grid {
             })
             .fold(0.0, f64::max)
     }
-
-    /// The first and the last raw line that a pixel is interpolated from, before they are clamped to
-    /// the raw view.
-    fn raw_lines(&self, at: [u16; 2]) -> [i32; 2] {
-        let [_, (first, step)] = cell_positions(self.knots_around(at), self.shift);
-        let along = i32::from(at[0]) & ((1 << self.shift) - 1);
-        let line = (first + step * along) >> (sixteenth_shift(self.shift) + 4);
-        [line, line + 1]
-    }
-}
-
-/// Number of raw lines that have to be kept of each view; see [`Rectification::needed_lines`].
-fn needed_lines(pair: &RectifiedPair, grids: &[Grid; 2], views: &[Exact; 2]) -> [u16; 2] {
-    let last = i32::from(pair.raw_size[1]) - 1;
-    let spans = [0, 1].map(|view: usize| {
-        let mut spans = vec![None; pair.size[1].into()];
-        for (at, _) in views[view].pixels(pair.size[0]) {
-            let [first, end] = grids[view].raw_lines(at).map(|line| line.clamp(0, last));
-            let span: &mut Option<[i32; 2]> = &mut spans[usize::from(at[1])];
-            *span = Some(match *span {
-                Some([low, high]) => [low.min(first), high.max(end)],
-                None => [first, end],
-            });
-        }
-        spans
-    });
-    let (mut ready, mut needed) = (0, [1, 1]);
-    let [left, right] = spans;
-    for of_line in left.into_iter().zip(right) {
-        let of_line: [_; 2] = of_line.into();
-        for [_, high] in of_line.into_iter().flatten() {
-            ready = ready.max(high);
-        }
-        for (needed, span) in needed.iter_mut().zip(of_line) {
-            if let Some([low, _]) = span {
-                *needed = (*needed).max(ready - low + 1);
-            }
-        }
-    }
-    // Views have at most 4096 lines.
-    needed.map(|lines| lines as u16)
 }
 
 fn bytes(
@@ -285,10 +243,12 @@ fn bytes(
     };
     let mut bytes = b"VGRF\x01\0".to_vec();
     bytes.extend([grids[0].shift as u8, 0]);
-    let lines = needed_lines(pair, grids, views);
-    for number in [pair.raw_size, pair.size, lines].concat() {
+    for number in [pair.raw_size, pair.size].concat() {
         bytes.extend(number.to_le_bytes());
     }
+    // The lines to keep, which follow from the rest.
+    let lines_at = bytes.len();
+    bytes.extend([0; 4]);
     let [left, _] = pair.principal_px;
     for number in [
         numerator_q8,
@@ -308,7 +268,15 @@ fn bytes(
                 .flat_map(|n| n.to_le_bytes()),
         );
     }
+    let [left, right] = Rectification::needed_lines_of(&sealed(bytes.clone()))?;
+    let lines = [left.to_le_bytes(), right.to_le_bytes()].concat();
+    bytes[lines_at..lines_at + lines.len()].copy_from_slice(&lines);
+    Ok(sealed(bytes))
+}
+
+/// Bytes with their checksum behind them.
+fn sealed(mut bytes: Vec<u8>) -> Vec<u8> {
     let checksum = CHECKSUM.checksum(&bytes);
     bytes.extend(checksum.to_le_bytes());
-    Ok(bytes)
+    bytes
 }

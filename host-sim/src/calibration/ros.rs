@@ -65,21 +65,12 @@ fn camera(document: &Document) -> Result<(Camera, glam::DMat3, [f64; 12])> {
         numbers[0] > 0.0,
         projection.error("has no focal length: the cameras are not calibrated")
     );
-    for (key, reason) in [
-        (
-            "binning_x",
-            "the file is of binned pictures: calibrate the size that is used",
-        ),
-        (
-            "binning_y",
-            "the file is of binned pictures: calibrate the size that is used",
-        ),
-    ] {
+    for key in ["binning_x", "binning_y"] {
         if let Some(entry) = root.get(key) {
             let [binning] = entry.numbers()?;
             ensure!(
                 binning <= 1.0,
-                "{}: {key} is {binning}: {reason}",
+                "{}: {key} is {binning}: the file is of binned pictures: calibrate the size that is used",
                 document.name
             );
         }

@@ -18,7 +18,8 @@ use vgstereo_kernels::cases::{
     WeightedMedianCase, below, generator,
 };
 
-/// What a field is set to, or a slice shortened by.
+/// Lengths and indices from 0 to the largest `usize`: each field of a task is set to each of them, and
+/// each slice is shortened by as many elements.
 const VALUES: [usize; 26] = {
     const HALF: usize = usize::MAX / 2;
     const LAST: usize = usize::MAX;
