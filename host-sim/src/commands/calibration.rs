@@ -4,12 +4,12 @@ use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use clap::Args;
 use vgstereo_core::geometry::Rectifier;
 
 use crate::calibration::{ERROR_MAX_PX, Keep, Options, Rectified, rectify};
-use crate::files::write_files;
+use crate::files::{ensure_distinct_outputs, write_files};
 use crate::tables::kib;
 
 /// The arguments of `vgstereo calibration`.
@@ -64,9 +64,10 @@ impl Calibration {
                 Ok((path.display().to_string(), bytes))
             })
             .collect::<Result<Vec<_>>>()?;
-        if let (Some(out), Some(rust)) = (&self.out, &self.rust) {
-            ensure!(out != rust, "--out and --rust are both {}", out.display());
-        }
+        let inputs: Vec<&Path> = self.files.iter().map(PathBuf::as_path).collect();
+        let outputs = self.out.iter().chain(&self.rust);
+        let outputs: Vec<&Path> = outputs.map(PathBuf::as_path).collect();
+        ensure_distinct_outputs(&inputs, &outputs).context("--out, --rust")?;
         let made = rectify(
             &files,
             &Options {
