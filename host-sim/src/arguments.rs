@@ -67,8 +67,8 @@ pub fn name_of(parameters: &Parameters, preset: Preset) -> String {
         let other = other.parameters();
         parameters.with_seed(other.seed) == other
     };
-    let from_preset = std::iter::once(preset).chain(Preset::ALL);
-    match from_preset.into_iter().find(is_same) {
+    // The given preset first, should two be alike.
+    match std::iter::once(preset).chain(Preset::ALL).find(is_same) {
         Some(same) => same.name().to_owned(),
         None => format!("{preset}, changed"),
     }

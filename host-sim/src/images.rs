@@ -96,12 +96,7 @@ impl ImageFile {
             width > 0 && height > 0,
             refused("the image is empty".to_owned())
         );
-        ensure!(
-            width.max(height) <= SIDE_MAX_PX && u64::from(width) * u64::from(height) <= PIXELS_MAX,
-            refused(format!(
-                "{width}x{height} px is too large: at most {SIDE_MAX_PX} px a side and {PIXELS_MAX} px in all are read"
-            ))
-        );
+        ensure_bounded(width, height).with_context(|| format!("cannot read {name}"))?;
         Ok(file)
     }
 
@@ -153,12 +148,16 @@ impl ImageFile {
     }
 }
 
-/// Reads an image file.
+/// Checks that an image has no more pixels than are read.
 ///
 /// # Errors
-/// Fails with one line that names the file and the reason; see [`ImageFile`].
-pub fn read_image(path: &Path) -> Result<DynamicImage> {
-    ImageFile::open(path)?.decode()
+/// Fails with one line that states its size and the largest.
+pub(crate) fn ensure_bounded(width: u32, height: u32) -> Result<()> {
+    ensure!(
+        width.max(height) <= SIDE_MAX_PX && u64::from(width) * u64::from(height) <= PIXELS_MAX,
+        "{width}x{height} px is too large: at most {SIDE_MAX_PX} px a side and {PIXELS_MAX} px in all are read"
+    );
+    Ok(())
 }
 
 /// Whether a file goes on to its end, for the formats whose decoders make up what is missing; those of

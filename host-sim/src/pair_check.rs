@@ -124,7 +124,8 @@ pub fn hints(views: &Views, disparities: DisparityRange) -> Result<Vec<Hint>, Fr
     if views.left == views.right {
         return Ok(vec![Hint::Identical]);
     }
-    let scores = scores(views, disparities)?;
+    let grey = &views.to_grey();
+    let scores = scores_of_grey(grey, disparities)?;
     let given = scores.given;
     let (too_low, moved) = scores
         .moved
@@ -140,7 +141,7 @@ pub fn hints(views: &Views, disparities: DisparityRange) -> Result<Vec<Hint>, Fr
             return Ok(vec![Hint::LinesOff { too_low }]);
         }
     }
-    let [below, beyond] = outside(views, disparities)?;
+    let [below, beyond] = outside_of_grey(grey, disparities)?;
     // Where hardly anything is right, wrong matches lie everywhere.
     let percent_min = OUTSIDE_MIN_PERCENT[usize::from(hardly_matches)];
     let is_told = |outside: &Outside| outside.percent >= percent_min;
@@ -159,9 +160,12 @@ pub fn hints(views: &Views, disparities: DisparityRange) -> Result<Vec<Hint>, Fr
 /// # Errors
 /// [`FrameError`] when the range does not fit the width.
 pub fn scores(views: &Views, disparities: DisparityRange) -> Result<Scores, FrameError> {
-    let grey = views.to_grey();
+    scores_of_grey(&views.to_grey(), disparities)
+}
+
+fn scores_of_grey(grey: &Views, disparities: DisparityRange) -> Result<Scores, FrameError> {
     let score = |exchanged: bool, too_low: i8| -> Result<u64, FrameError> {
-        let found = sample(&grey, disparities, disparities, Way { exchanged, too_low })?;
+        let found = sample(grey, disparities, disparities, Way { exchanged, too_low })?;
         let sum: u64 = found
             .iter()
             .map(|&(_, confidence)| u64::from(confidence))
@@ -185,8 +189,12 @@ pub fn scores(views: &Views, disparities: DisparityRange) -> Result<Scores, Fram
 /// # Errors
 /// [`FrameError`] when the range does not fit the width.
 pub fn outside(views: &Views, disparities: DisparityRange) -> Result<[Outside; 2], FrameError> {
-    let wide = widened(disparities, views.width);
-    let found = sample(&views.to_grey(), wide, disparities, Way::default())?;
+    outside_of_grey(&views.to_grey(), disparities)
+}
+
+fn outside_of_grey(grey: &Views, disparities: DisparityRange) -> Result<[Outside; 2], FrameError> {
+    let wide = widened(disparities, grey.width);
+    let found = sample(grey, wide, disparities, Way::default())?;
     let range_px = disparities.range_px();
     let steps = i32::from(STEPS_PER_PX);
     let (mut below, mut beyond) = (Vec::new(), Vec::new());
@@ -298,13 +306,12 @@ fn parameters() -> Parameters {
 /// Returns the lines of a band of a grey view from `first` on. Beyond the view, its outermost
 /// line is repeated.
 fn lines_of(view: &[u8], width: usize, first: isize) -> Vec<u8> {
-    let lines: Vec<&[u8]> = view.chunks_exact(width.max(1)).collect();
     let count = LEAD_LINES + MEASURED_LINES + TAIL_LINES;
-    let last = lines.len().saturating_sub(1);
+    let last = (view.len() / width.max(1)).saturating_sub(1);
     let mut band = Vec::with_capacity(count * width);
     for line in first..first + count.cast_signed() {
-        let line = usize::try_from(line).unwrap_or(0).min(last);
-        band.extend_from_slice(lines.get(line).copied().unwrap_or_default());
+        let start = usize::try_from(line).unwrap_or(0).min(last) * width;
+        band.extend_from_slice(view.get(start..start + width).unwrap_or_default());
     }
     band
 }

@@ -107,18 +107,18 @@ impl Match {
                 .is_some_and(|e| e.eq_ignore_ascii_case("png"));
             ensure!(png, "{}: the name must end in .png", path.display());
         }
-        let stdin = Path::new("-");
+        let standard = Path::new("-");
         let mut inputs = vec![self.left.as_path(), &self.right];
         inputs.extend(self.overrides.config.as_deref());
         let mut outputs = vec![self.out.as_path()];
         outputs.extend(self.colour.as_deref());
         // `-` is standard input or output.
         for paths in [&mut inputs, &mut outputs] {
-            paths.retain(|path| *path != stdin);
+            paths.retain(|path| *path != standard);
         }
         ensure_distinct_outputs(&inputs, &outputs).context("--out, --colour")?;
         ensure!(
-            self.left != stdin || self.right != stdin,
+            self.left != standard || self.right != standard,
             "standard input has one image: give the other by its name"
         );
         // What can be refused is, before anything is decoded.
@@ -154,7 +154,7 @@ impl Match {
         )?;
         let map = &matched.disparities_q4;
         let encoded = format.encode(map, width.into())?;
-        let to_stdout = self.out == Path::new("-");
+        let to_stdout = self.out == standard;
         let mut files = Vec::new();
         if let Some(path) = self.colour.as_deref() {
             let picture = colour_disparities(map, width.into(), disparities);

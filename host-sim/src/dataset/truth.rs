@@ -1,6 +1,6 @@
 //! Ground truth: the disparity of each pixel.
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail};
 
 use super::values::Values;
 use crate::pfm::Pfm;
@@ -43,14 +43,13 @@ impl Truth {
                 px: map.values.into_iter().map(known).collect(),
             });
         }
-        let scale = scale.filter(|scale| SCALE_RANGE.contains(scale));
-        ensure!(
-            scale.is_some(),
-            "{name}: gt_scale must be from {} to {} steps per px",
-            SCALE_RANGE.start(),
-            SCALE_RANGE.end()
-        );
-        let scale = scale.unwrap_or(1.0);
+        let Some(scale) = scale.filter(|scale| SCALE_RANGE.contains(scale)) else {
+            bail!(
+                "{name}: gt_scale must be from {} to {} steps per px",
+                SCALE_RANGE.start(),
+                SCALE_RANGE.end()
+            );
+        };
         let stored = Values::from_bytes(bytes, name)?;
         let px = |&value: &u16| match value {
             0 => f32::NAN,

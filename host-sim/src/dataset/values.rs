@@ -5,7 +5,7 @@ use std::io::Cursor;
 use anyhow::{Context, Result, bail, ensure};
 use png::{BitDepth, ColorType, Decoder, Limits, Transformations};
 
-use crate::images::{PIXELS_MAX, SIDE_MAX_PX};
+use crate::images::{PIXELS_MAX, ensure_bounded};
 
 /// The stored values of an image, row-major.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -40,10 +40,7 @@ impl Values {
         decoder.set_transformations(Transformations::IDENTITY);
         let mut reader = decoder.read_info()?;
         let (width, height) = (reader.info().width, reader.info().height);
-        ensure!(
-            width.max(height) <= SIDE_MAX_PX && u64::from(width) * u64::from(height) <= PIXELS_MAX,
-            "{width}x{height} px is too large"
-        );
+        ensure_bounded(width, height)?;
         let bytes = reader.output_buffer_size().context("it is too large")?;
         let mut raw = vec![0; bytes];
         let frame = reader.next_frame(&mut raw)?;

@@ -151,15 +151,7 @@ fn signals_leave_no_temporary_file_and_no_half_pair() {
     let mut ended = 0;
     for round in 0..40 {
         let mut child = std::process::Command::new(&program)
-            .args([
-                "match",
-                "left.png",
-                "right.png",
-                "--preset",
-                "lite",
-                "--d-max",
-                "12",
-            ])
+            .args(MATCH)
             .args(["--no-check", "--out", "o.png", "--colour", "c.png"])
             .current_dir(fixture.folder.path())
             .stdout(std::process::Stdio::null())
