@@ -36,7 +36,7 @@ const WIRE_FAULTS: [ErrorKind; 4] = [
     ErrorKind::Timeout,
 ];
 
-/// What a run is to do.
+/// A run of the model: how long it lasts, the faults of its wires, and when its sensors are missing.
 #[derive(Debug, Clone, Default)]
 pub struct Scenario {
     /// Number of frames that the sensors end before the run ends.

@@ -38,7 +38,7 @@ const STEP_NS: u64 = 5_000_000;
 const DRAIN_NS: u64 = 100_000_000;
 const MS: u64 = 1_000_000;
 
-/// What the command line asks for.
+/// The arguments of the command line.
 struct Arguments {
     elf: PathBuf,
     views: PathBuf,
@@ -94,7 +94,7 @@ impl Arguments {
     }
 }
 
-/// What happened in a run.
+/// The report of a run, written as JSON.
 #[derive(Debug, Serialize)]
 struct Report {
     /// Time on the board at the end, and instructions, idle ones left out.
@@ -115,7 +115,7 @@ struct Report {
     resets: Vec<String>,
     /// Accesses that the chip has no register for, or refused: no clock, no way for DMA.
     refused: Vec<String>,
-    /// What the models told of besides, and registers without a model.
+    /// Other remarks of the chip's models, and registers that no model has.
     told: Vec<String>,
     unmodelled: Vec<String>,
 }

@@ -33,7 +33,7 @@ const OVERRUN: u64 = 1 << 1;
 const VSYNC: u64 = 1 << 3;
 const LINE: u64 = 1 << 4;
 
-/// What the wires do next.
+/// The next change of the wires' levels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Next {
     /// Nothing, until the trigger rises.

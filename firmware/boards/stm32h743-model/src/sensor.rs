@@ -14,8 +14,8 @@ const TRIGGER_MODE: u8 = 5;
 const INTEGRATION_LINES: u16 = 0x0202;
 const LINE_LENGTH: u16 = 0x0342;
 const CLOCK: u16 = 0x3060;
-/// What the datasheet gives after a reset, where the board or the port looks at it: the model's
-/// number, the integration, the lengths of frame and line.
+/// Registers that the board or the port reads, with their values after a reset, from the datasheet: the
+/// chip's number, the integration in lines, the length of a frame in lines, that of a line in clocks.
 const AFTER_RESET: [(u16, u16); 4] = [
     (0x0000, 0x01b0),
     (INTEGRATION_LINES, 0x0108),
