@@ -40,6 +40,20 @@ fn no_output_replaces_another_or_an_input_however_it_is_spelt() {
     assert_eq!(fs::read(fixture.path("old.png")).unwrap(), b"old");
 }
 
+#[test]
+fn a_calibration_is_not_replaced_by_what_is_made_of_it() {
+    let fixture = Fixture::new();
+    fs::write(fixture.path("cal.yml"), "left: 1\n").unwrap();
+    for outputs in [
+        ["--out", "./cal.yml", "--rust", "cal.rs"],
+        ["--out", "cal.vgr", "--rust", "./cal.vgr"],
+    ] {
+        let arguments = [&["calibration", "cal.yml"][..], &outputs].concat();
+        fixture.refuses(&arguments, &["--out, --rust", "cal."]);
+    }
+    assert_eq!(fs::read(fixture.path("cal.yml")).unwrap(), b"left: 1\n");
+}
+
 #[cfg(unix)]
 #[test]
 fn links_and_devices_stay_what_they_are() {
