@@ -131,13 +131,18 @@ impl<K: Kernels> Pipeline<'_, K> {
     fn push(&mut self, left: &(impl Line + ?Sized), right: &(impl Line + ?Sized)) -> (bool, bool) {
         match self {
             Self::Recall { rows, refiner } => match rows.push(left, right) {
-                Some(_) => (true, refiner.push(rows.candidates_px())),
+                Some(_) => (true, refiner.push(rows.candidates_px(), rows.valid())),
                 None => (false, false),
             },
             Self::Sgm { rows, refiner } => match rows.push(left, right) {
                 Some(_) => (
                     true,
-                    refiner.push(rows.found(), rows.confidences(), rows.channels()),
+                    refiner.push(
+                        rows.found(),
+                        rows.confidences(),
+                        rows.valid(),
+                        rows.channels(),
+                    ),
                 ),
                 None => (false, false),
             },
@@ -157,7 +162,7 @@ impl<K: Kernels> Pipeline<'_, K> {
         match self {
             Self::Recall { rows, refiner } => {
                 while rows.flush().is_some() {
-                    if refiner.push(rows.candidates_px()) {
+                    if refiner.push(rows.candidates_px(), rows.valid()) {
                         return true;
                     }
                 }
@@ -165,7 +170,7 @@ impl<K: Kernels> Pipeline<'_, K> {
             Self::Sgm { rows, refiner } => {
                 while rows.flush().is_some() {
                     let (row, confidences) = (rows.found(), rows.confidences());
-                    if refiner.push(row, confidences, rows.channels()) {
+                    if refiner.push(row, confidences, rows.valid(), rows.channels()) {
                         return true;
                     }
                 }

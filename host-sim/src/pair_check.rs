@@ -268,16 +268,22 @@ fn sample(
     for band in 0..BANDS {
         let centre = (2 * band + 1) * views.height() / (2 * BANDS);
         let first = centre.cast_signed() - (LEAD_LINES + MEASURED_LINES / 2).cast_signed();
-        let mut left = lines_of(&views.left, width, first);
-        let mut right = lines_of(&views.right, width, first + isize::from(way.too_low));
+        let firsts = [first, first + isize::from(way.too_low)];
+        let mut left = lines_of(&views.left, width, firsts[0]);
+        let mut right = lines_of(&views.right, width, firsts[1]);
+        let [left_valid, right_valid] = &views.valid_columns;
+        let mut valid_columns = [(left_valid, firsts[0]), (right_valid, firsts[1])]
+            .map(|(of, first)| lines_of(of, 1, first));
         if way.exchanged {
             std::mem::swap(&mut left, &mut right);
+            valid_columns.reverse();
         }
         let band = Views {
             left,
             right,
             width: views.width,
             format: PixelFormat::Grey8,
+            valid_columns,
         };
         let matched = match_frame(&config, &band, NativeKernels::fastest(), 1)?;
         let disparities = matched.disparities_q4.chunks(width);
@@ -303,9 +309,9 @@ fn parameters() -> Parameters {
     parameters
 }
 
-/// Returns the lines of a band of a grey view from `first` on. Beyond the view, its outermost
-/// line is repeated.
-fn lines_of(view: &[u8], width: usize, first: isize) -> Vec<u8> {
+/// Returns the lines of a band from `first` on of a view of `width` values a line. Beyond the view,
+/// its outermost line is repeated; of a view without lines there are none.
+fn lines_of<T: Clone>(view: &[T], width: usize, first: isize) -> Vec<T> {
     let count = LEAD_LINES + MEASURED_LINES + TAIL_LINES;
     let last = (view.len() / width.max(1)).saturating_sub(1);
     let mut band = Vec::with_capacity(count * width);

@@ -1,9 +1,11 @@
 //! Conversion of images to the lines that a matcher takes.
 
+use std::ops::Range;
+
 use anyhow::{Context, Result};
 use image::RgbImage;
-use vgstereo_core::Kernels;
 use vgstereo_core::kernel::luma_row;
+use vgstereo_core::{Kernels, PartlyValid};
 use vgstereo_firmware::camera::{PixelFormat, RawLine};
 
 /// A rectified pair of views, both of one size, stored as a camera delivers them: line by
@@ -18,7 +20,13 @@ pub struct Views {
     pub width: u16,
     /// Pixel format of both views.
     pub format: PixelFormat,
+    /// For each line of the left and of the right view, the columns that the camera saw; no lines
+    /// where it saw all.
+    pub valid_columns: [Vec<Range<u16>>; 2],
 }
+
+/// A line of one of the [`Views`].
+pub type ViewLine<'a, K> = PartlyValid<RawLine<'a, K>>;
 
 impl Views {
     /// Returns the views of two images that have one size. Pixels are grey with `grey` or when one of
@@ -37,6 +45,7 @@ impl Views {
             left: left.into_raw(),
             right: right.into_raw(),
             format: PixelFormat::Rgb888,
+            valid_columns: Default::default(),
         };
         Ok(if grey { views.to_grey() } else { views })
     }
@@ -54,6 +63,7 @@ impl Views {
             right: lines(&self.right),
             width: self.width,
             format: PixelFormat::Grey8,
+            valid_columns: self.valid_columns.clone(),
         }
     }
 
@@ -73,10 +83,23 @@ impl Views {
     pub fn lines<K: Kernels>(
         &self,
         kernels: K,
-    ) -> impl Iterator<Item = (RawLine<'_, K>, RawLine<'_, K>)> {
+    ) -> impl Iterator<Item = (ViewLine<'_, K>, ViewLine<'_, K>)> {
         let bytes = self.format.line_bytes(self.width).max(1);
-        let line = move |bytes| RawLine::new(self.format, bytes, kernels);
-        let right = self.right.chunks_exact(bytes).map(line);
-        self.left.chunks_exact(bytes).map(line).zip(right)
+        let line = move |bytes, valid: Option<&Range<u16>>| PartlyValid {
+            line: RawLine::new(self.format, bytes, kernels),
+            valid_columns: match valid {
+                Some(columns) => columns.start.into()..columns.end.into(),
+                None => 0..self.width.into(),
+            },
+        };
+        let right = self.right.chunks_exact(bytes);
+        let pairs = self.left.chunks_exact(bytes).zip(right).enumerate();
+        pairs.map(move |(y, (left, right))| {
+            let [left_valid, right_valid] = &self.valid_columns;
+            (
+                line(left, left_valid.get(y)),
+                line(right, right_valid.get(y)),
+            )
+        })
     }
 }

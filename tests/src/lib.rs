@@ -3,14 +3,18 @@
 pub mod faults;
 pub mod oracle;
 
+use std::ops::Range;
+
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_core::literal::GreyImage;
-use vgstereo_core::{Config, DisparityLine, Kernels, Matcher, Output, Parameters, Portable};
+use vgstereo_core::{
+    Config, DisparityLine, Kernels, Matcher, Output, Parameters, PartlyValid, Portable,
+};
 use vgstereo_firmware::camera::{PixelFormat, RawLine};
 use vgstereo_sim::prepared::Prepared;
 use vgstereo_sim::scene::Scene;
-use vgstereo_sim::views::Views;
+use vgstereo_sim::views::{ViewLine, Views};
 
 /// A pair of views of equal size.
 #[derive(Debug, Clone)]
@@ -25,6 +29,8 @@ pub struct Pair {
     pub left: Vec<u8>,
     /// Right view, row by row.
     pub right: Vec<u8>,
+    /// For each line of both views, the columns that the camera saw; no lines where it saw all.
+    pub valid_columns: [Vec<Range<u16>>; 2],
 }
 
 impl Pair {
@@ -54,7 +60,36 @@ impl Pair {
             format,
             left: view(),
             right: view(),
+            valid_columns: Default::default(),
         }
+    }
+
+    /// Lets each camera see a random run of columns of each line alone; of every eighth line, none.
+    pub fn hide_columns(&mut self, seed: u64) {
+        let mut random = Pcg32::seed_from_u64(seed);
+        let width = self.width as u32;
+        for view in &mut self.valid_columns {
+            let lines = 0..self.height;
+            *view = lines
+                .map(|_| {
+                    // Seldom more than half of the line is hidden.
+                    let [start, end] = [0, 1].map(|_| random.next_u32() % (width / 4 + 2));
+                    let end = width.saturating_sub(end).max(start.min(width));
+                    if random.next_u32().is_multiple_of(8) {
+                        0..0
+                    } else {
+                        start.min(width) as u16..end as u16
+                    }
+                })
+                .collect();
+        }
+    }
+
+    /// Whether the left (0) or the right camera (1) saw a pixel.
+    #[must_use]
+    pub fn sees(&self, view: usize, x: usize, y: usize) -> bool {
+        let line = self.valid_columns[view].get(y);
+        line.is_none_or(|columns| columns.contains(&(x as u16)))
     }
 
     /// Returns the left view, for the literal network.
@@ -120,15 +155,25 @@ impl Pair {
             right: self.right.clone(),
             width: self.width.try_into().unwrap(),
             format: self.format,
+            valid_columns: self.valid_columns.clone(),
         }
     }
 
     /// Returns the pairs of lines from the top.
-    pub fn lines(&self) -> impl Iterator<Item = (RawLine<'_, Portable>, RawLine<'_, Portable>)> {
+    pub fn lines(&self) -> impl Iterator<Item = (ViewLine<'_, Portable>, ViewLine<'_, Portable>)> {
         let bytes = self.width * self.format.bytes_per_pixel();
-        let line = |bytes| RawLine::new(self.format, bytes, Portable);
-        let right = self.right.chunks_exact(bytes).map(line);
-        self.left.chunks_exact(bytes).map(line).zip(right)
+        let right = self.right.chunks_exact(bytes);
+        let pairs = self.left.chunks_exact(bytes).zip(right).enumerate();
+        pairs.map(move |(y, (left, right))| {
+            let line = |view: usize, bytes| PartlyValid {
+                line: RawLine::new(self.format, bytes, Portable),
+                valid_columns: match self.valid_columns[view].get(y) {
+                    Some(columns) => columns.start.into()..columns.end.into(),
+                    None => 0..self.width,
+                },
+            };
+            (line(0, left), line(1, right))
+        })
     }
 }
 

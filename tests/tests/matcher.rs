@@ -20,10 +20,19 @@ const TEDDY: Config = Config::new(
 );
 
 // The terms are the parts that `RecallMatcher::parts` and `RecallRefiner::parts` state, each
-// rounded up to words. The last two are the output line and its confidences.
+// rounded up to words. The last three are the output line, its confidences and what the cameras saw
+// of the lines.
 const _: () = assert!(
     TEDDY.memory_words() * 4
-        == 2 * 256 + 2 * (25 * 474 + 2) + 2 * (466 * 32) + 2 * 64 + 2 * 450 + 2 * 450 + 452
+        == 2 * 256
+            + 2 * (25 * 474 + 2)
+            + 2 * (466 * 32)
+            + 2 * 64
+            + 2 * 450
+            + 2 * 450
+            + 452
+            + 8 * 13
+            + 4
 );
 const _: () = assert!(TEDDY.memory_words() * 4 <= 96 * 1024);
 

@@ -368,6 +368,7 @@ fn an_aggregating_matcher_gets_the_cameras_own_lines() {
             height: HEIGHT as usize,
             left: Vec::new(),
             right: Vec::new(),
+            valid_columns: Default::default(),
         };
         for _ in 0..HEIGHT {
             let (mut left, mut right) = (vec![0; bytes], vec![0; bytes]);

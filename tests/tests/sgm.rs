@@ -198,6 +198,9 @@ fn matching() -> impl Strategy<Value = (Pair, Config)> {
                 if seed % 4 > 0 {
                     follow(&mut pair, disparities, seed);
                 }
+                if seed % 3 == 0 {
+                    pair.hide_columns(seed);
+                }
                 let config = Config {
                     reference,
                     colour: !format.is_grey(),
@@ -294,6 +297,14 @@ proptest! {
         let exchanged = Pair {
             left: mirrored(&pair.right, pair.width, pixel),
             right: mirrored(&pair.left, pair.width, pixel),
+            valid_columns: {
+                let [left, right] = pair.valid_columns.clone();
+                let width = config.width;
+                [right, left].map(|view| {
+                    let lines = view.into_iter();
+                    lines.map(|columns| width - columns.end..width - columns.start).collect()
+                })
+            },
             ..pair.clone()
         };
         let right = Config { reference: Reference::Right, ..config };
@@ -444,6 +455,7 @@ fn lines_that_lie_too_low_give_the_bits_of_the_oracle() {
             format: views.format,
             left: views.left,
             right: views.right,
+            valid_columns: views.valid_columns,
         };
         let config = Config {
             reference,
@@ -493,6 +505,7 @@ fn a_shifted_texture_has_its_shift() {
                 height,
                 left: left.clone(),
                 right: right.clone(),
+                valid_columns: Default::default(),
             };
             for reference in [Reference::Left, Reference::Right] {
                 let range = DisparityRange {
@@ -676,6 +689,7 @@ fn the_widest_range_of_disparities_runs() {
         height: 2,
         left: strip[..width].repeat(2),
         right: strip[shift..].repeat(2),
+        valid_columns: Default::default(),
     };
     let wider = DisparityRange {
         minimum_px: -2047,
@@ -841,6 +855,7 @@ fn lowered(line_offset_px: f32) -> Pair {
         format: views.format,
         left: views.left,
         right: views.right,
+        valid_columns: views.valid_columns,
     }
 }
 

@@ -1,11 +1,13 @@
 //! The streaming matcher of the paper's method: takes lines of both views, returns rows of
 //! candidates.
 
+use core::ops::Range;
+
 use crate::config::{Config, ConfigError, RecallParameters};
-use crate::disparity::Reference;
+use crate::disparity::{INVALID, Reference};
 use crate::kernel::{Kernels, LANES, RowRecall};
 use crate::pattern::{PatternRow, Sampler, Synapses};
-use crate::rows::{Arena, Line, Order, Part, Parts, ViewPair, ViewSize, words};
+use crate::rows::{Arena, Line, Order, Part, Parts, ViewPair, ViewSize, fill_outside, words};
 
 /// Takes pairs of lines and returns one row of candidate disparities for each, `support.y_px` lines
 /// later.
@@ -31,7 +33,7 @@ impl RecallMatcher<'_, ()> {
     /// | part | bytes |
     /// |---|---|
     /// | synapses | `2 n` |
-    /// | views | `2 (2 Y + 1) (W + 2 X)` |
+    /// | views | `2 (2 Y + 1) (W + 2 X) + 8 (Y + 1)` |
     /// | patterns | `(W + w + 32) n / 8` |
     /// | recall | `2 D`, `D` rounded up to 16, and `2 k w` |
     pub(crate) const fn parts(config: &Config, recall: &RecallParameters) -> Parts {
@@ -74,6 +76,7 @@ const fn view_size(config: &Config) -> ViewSize {
         smoothed_padding: 0,
         smoothing_step: 0,
         moving: false,
+        valid_lines: support.y_px as usize + 1,
     }
 }
 
@@ -168,6 +171,19 @@ impl<'m, K: Kernels> RecallMatcher<'m, K> {
         self.candidates_px
     }
 
+    /// Columns of the row last completed, from the region's first on, that the reference camera
+    /// saw.
+    #[must_use]
+    pub fn valid(&self) -> Range<usize> {
+        self.valid_columns(self.rows_out().saturating_sub(1))
+    }
+
+    fn valid_columns(&self, line: u32) -> Range<usize> {
+        let column = usize::from(self.config.region.x);
+        let Range { start, end } = self.views.reference.valid(line);
+        start.saturating_sub(column)..end.saturating_sub(column)
+    }
+
     fn recall(&mut self, line: u32) {
         let region = &self.config.region;
         let columns = usize::from(region.width);
@@ -180,7 +196,8 @@ impl<'m, K: Kernels> RecallMatcher<'m, K> {
             Reference::Right => (column as isize + minimum, 1),
         };
         let disparities = usize::from(self.config.disparities.count);
-        let used = used_positions(first, step, columns, disparities, width);
+        let seen = self.views.other.valid(line);
+        let used = used_positions(first, step, columns, disparities, seen);
         for (view, positions, patterns) in [
             (
                 &self.views.reference,
@@ -208,18 +225,23 @@ impl<'m, K: Kernels> RecallMatcher<'m, K> {
         };
         self.kernels
             .recall_row(&row, self.distances, self.candidates_px);
+        let valid = self.valid_columns(line);
+        for plane in self.candidates_px.chunks_exact_mut(columns.max(1)) {
+            fill_outside(plane, &valid, INVALID);
+        }
     }
 }
 
-/// The stored positions of the other view that `columns` neurons can reach, clamped to the row.
+/// The stored positions of the other view that `columns` neurons can reach, of those that its
+/// camera saw.
 fn used_positions(
     first: isize,
     step: isize,
     columns: usize,
     disparities: usize,
-    width: usize,
-) -> core::ops::Range<usize> {
+    seen: Range<usize>,
+) -> Range<usize> {
     let last = first + step * (columns as isize - 1);
-    let clamp = |position: isize| position.max(0).unsigned_abs().min(width);
+    let clamp = |position: isize| position.max(0).unsigned_abs().max(seen.start).min(seen.end);
     clamp(first.min(last))..clamp(first.max(last) + disparities as isize)
 }

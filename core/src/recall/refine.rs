@@ -1,10 +1,14 @@
 //! The refinement of the paper's method: vote and median, then conversion to 1/16 px.
 
+use core::ops::Range;
+
 use super::median::Median;
 use super::vote::VoteFilter;
 use crate::config::{Config, ConfigError, RecallParameters};
 use crate::disparity::{INVALID, px_to_q4};
-use crate::rows::{Arena, Part, Parts, RowStage, Then, copy_common, words};
+use crate::rows::{
+    Arena, Part, Parts, RowStage, Then, ValidRuns, copy_common, fill_outside, words,
+};
 
 /// The configured stages, one after another.
 #[derive(Debug)]
@@ -13,6 +17,9 @@ pub struct RecallRefiner<'m> {
     /// The row on its way through the stages, px; then the line, 1/16 px.
     line: &'m mut [i16],
     confidences: &'m mut [u8],
+    /// What the reference camera saw of the rows that are in the stages.
+    valid: ValidRuns<'m>,
+    rows_out: u32,
 }
 
 impl<'m> RecallRefiner<'m> {
@@ -23,8 +30,18 @@ impl<'m> RecallRefiner<'m> {
     /// |---|---|
     /// | vote of `v` passes | `2 w ((v + 1) k + v + 2)` |
     /// | median of reach `m` | `2 w (2 m + 1) + 2 D` |
-    /// | output | `3 w` |
+    /// | output, of stages `l` lines late | `3 w + 4 (l + 1)` |
     pub(crate) const fn parts(config: &Config, recall: &RecallParameters) -> Parts {
+        let columns = config.region.width as usize;
+        let parts = Self::stages(config, recall);
+        let output = words(columns, size_of::<i16>())
+            + words(columns, 1)
+            + ValidRuns::words(parts.latency_lines() as usize + 1);
+        parts.and(Part::memory("output", output))
+    }
+
+    /// The stages alone, with the demand of each.
+    const fn stages(config: &Config, recall: &RecallParameters) -> Parts {
         let columns = config.region.width as usize;
         let mut parts = Parts::NONE;
         if recall.vote_passes > 0 {
@@ -35,8 +52,7 @@ impl<'m> RecallRefiner<'m> {
             let disparities = config.disparities.count;
             parts = parts.and(Median::part(columns, recall.median_reach_px, disparities));
         }
-        let output = words(columns, size_of::<i16>()) + words(columns, 1);
-        parts.and(Part::memory("output", output))
+        parts
     }
 
     /// Words of memory.
@@ -60,6 +76,7 @@ impl<'m> RecallRefiner<'m> {
         let candidates = usize::from(recall.candidates);
         let passes = recall.vote_passes;
         let reach = recall.median_reach_px;
+        let latency = Self::stages(config, recall).latency_lines();
         let vote = (passes > 0)
             .then(|| VoteFilter::new(columns, candidates, passes, arena))
             .transpose()?;
@@ -70,17 +87,22 @@ impl<'m> RecallRefiner<'m> {
             stages: Then(vote, median),
             line: arena.take(columns)?,
             confidences: arena.take(columns)?,
+            valid: ValidRuns::new(latency as usize + 1, arena)?,
+            rows_out: 0,
         })
     }
 
     /// Forgets the frame.
     pub fn reset(&mut self) {
         RowStage::<&[i16]>::reset(&mut self.stages);
+        self.valid.clear();
+        self.rows_out = 0;
     }
 
-    /// Takes a row of candidate planes, px, with the recalled disparities in plane 0. Returns
-    /// whether this completes a line, which is then [`RecallRefiner::line_q4`].
-    pub fn push(&mut self, mut candidates_px: &[i16]) -> bool {
+    /// Takes a row of candidate planes, px, with the recalled disparities in plane 0, and the
+    /// columns of it that the reference camera saw. Returns whether this completes a line, which is then [`RecallRefiner::line_q4`].
+    pub fn push(&mut self, mut candidates_px: &[i16], valid: Range<usize>) -> bool {
+        self.valid.push(valid);
         copy_common(self.line, candidates_px);
         let is_complete = self.stages.push(self.line, &mut candidates_px);
         if is_complete {
@@ -111,6 +133,8 @@ impl<'m> RecallRefiner<'m> {
     }
 
     fn write_line(&mut self) {
+        fill_outside(self.line, &self.valid.row(self.rows_out), INVALID);
+        self.rows_out += 1;
         for (disparity, confidence) in self.line.iter_mut().zip(&mut *self.confidences) {
             *confidence = if *disparity == INVALID { 0 } else { u8::MAX };
             *disparity = px_to_q4(*disparity);

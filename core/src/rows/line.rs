@@ -1,5 +1,7 @@
 //! Lines: the input of the matcher.
 
+use core::ops::Range;
+
 use super::copy::copy_common;
 
 /// One line of one view, which converts itself to rows of levels.
@@ -10,6 +12,13 @@ use super::copy::copy_common;
 pub trait Line {
     /// Number of pixels.
     fn width(&self) -> usize;
+
+    /// The columns that the camera saw, one run of them. What a rectified line has beyond is
+    /// made up: nothing is matched there, and nothing found. All columns, unless a line says
+    /// otherwise.
+    fn valid_columns(&self) -> Range<usize> {
+        0..self.width()
+    }
 
     /// Whether [`Line::write_channel`] writes more than the grey levels.
     fn has_colour(&self) -> bool;
@@ -66,6 +75,10 @@ impl<T: Line + ?Sized> Line for &T {
         (**self).width()
     }
 
+    fn valid_columns(&self) -> Range<usize> {
+        (**self).valid_columns()
+    }
+
     fn has_colour(&self) -> bool {
         (**self).has_colour()
     }
@@ -109,6 +122,39 @@ impl Line for ColourRows<'_> {
     #[inline]
     fn write_channel(&self, channel: usize, row: &mut [u8]) {
         copy_common(row, self.channels.get(channel).copied().unwrap_or_default());
+    }
+}
+
+/// A line of which the camera saw some columns only, as a view has that was rectified before.
+#[derive(Debug, Clone)]
+pub struct PartlyValid<L> {
+    /// The line.
+    pub line: L,
+    /// The columns that the camera saw.
+    pub valid_columns: Range<usize>,
+}
+
+impl<L: Line> Line for PartlyValid<L> {
+    fn width(&self) -> usize {
+        self.line.width()
+    }
+
+    fn valid_columns(&self) -> Range<usize> {
+        self.valid_columns.clone()
+    }
+
+    fn has_colour(&self) -> bool {
+        self.line.has_colour()
+    }
+
+    #[inline]
+    fn write_grey(&self, row: &mut [u8]) {
+        self.line.write_grey(row);
+    }
+
+    #[inline]
+    fn write_channel(&self, channel: usize, row: &mut [u8]) {
+        self.line.write_channel(channel, row);
     }
 }
 

@@ -3,13 +3,15 @@
 //! [`Arena`] carves the lent block. `Ring` keeps the newest rows of any kind, and [`Strip`] the
 //! newest lines of one channel, padded so that every sample of a pattern is a plain read. [`View`]
 //! keeps the newest lines of one camera: grey, colour and smoothed grey, each in a strip. A
-//! [`Line`] is the input of the matcher. `Found` is the state of a pixel in a row of disparities.
+//! [`Line`] is the input of the matcher, and `ValidRuns` keeps
+//! what a camera saw of each. `Found` is the state of a pixel in a row of disparities.
 
 mod arena;
 mod copy;
 mod found;
 mod line;
 mod ring;
+mod runs;
 mod stage;
 mod strip;
 mod views;
@@ -17,8 +19,9 @@ mod views;
 pub use arena::{Arena, OutOfMemory, words};
 pub(crate) use copy::{copy_common, extend_run};
 pub(crate) use found::Found;
-pub use line::{ColourRows, Line};
+pub use line::{ColourRows, Line, PartlyValid};
 pub(crate) use ring::{Ring, RowWindow};
+pub(crate) use runs::{ValidRuns, fill_outside};
 pub use stage::Part;
 pub(crate) use stage::{Parts, RowStage, Then};
 pub use strip::{Offset, Order, Strip, StripWindow};

@@ -1,8 +1,11 @@
 //! Views: the newest lines of one camera, for all parts that read them.
 
+use core::ops::Range;
+
 use super::arena::{Arena, OutOfMemory};
 use super::copy::copy_common;
 use super::line::Line;
+use super::runs::ValidRuns;
 use super::strip::{Order, Strip};
 use crate::disparity::Reference;
 use crate::kernel::{Kernels, MAX_CHANNELS};
@@ -16,6 +19,9 @@ pub struct View<'m> {
     /// Smoothed grey. The newest line is stored unsmoothed until the line below comes.
     smoothed: Option<Strip<'m>>,
     step_max: u8,
+    /// What the camera saw of each line, by stored position.
+    valid: ValidRuns<'m>,
+    order: Order,
 }
 
 /// Shape of a [`View`].
@@ -39,6 +45,8 @@ pub struct ViewSize {
     pub smoothing_step: u8,
     /// Whether lines are moved up or down by a fraction of a line: see [`Strip::push_moved`].
     pub moving: bool,
+    /// Number of lines whose valid columns are kept.
+    pub valid_lines: usize,
 }
 
 impl ViewSize {
@@ -58,7 +66,9 @@ impl ViewSize {
             let strip = Strip::words(self.width, self.colour_padding, self.colour_lines);
             total += MAX_CHANNELS * (strip + moving);
         }
-        total + Strip::words(self.width, self.smoothed_padding, self.smoothed_lines)
+        total
+            + Strip::words(self.width, self.smoothed_padding, self.smoothed_lines)
+            + ValidRuns::words(self.valid_lines)
     }
 
     /// Number of channels of [`View::channels`]: 3 with colour, else 1.
@@ -108,6 +118,8 @@ impl<'m> View<'m> {
             colour,
             smoothed,
             step_max: size.smoothing_step,
+            valid: ValidRuns::new(size.valid_lines, arena)?,
+            order,
         })
     }
 
@@ -124,6 +136,13 @@ impl<'m> View<'m> {
         offset_q4: i8,
         kernels: &impl Kernels,
     ) {
+        let Range { start, end } = line.valid_columns();
+        let end = end.min(line.width());
+        let columns = start.min(end)..end;
+        self.valid.push(match self.order {
+            Order::Columns => columns,
+            Order::Mirrored => mirrored(columns, line.width()),
+        });
         if let Some(colour) = &mut self.colour {
             for (channel, strip) in colour.iter_mut().enumerate() {
                 strip.push_moved(offset_q4, |row| line.write_channel(channel, row));
@@ -162,6 +181,13 @@ impl<'m> View<'m> {
         if let Some(smoothed) = &mut self.smoothed {
             smoothed.clear();
         }
+        self.valid.clear();
+    }
+
+    /// The positions of a line, in stored order, that the camera saw.
+    #[must_use]
+    pub fn valid(&self, line: u32) -> Range<usize> {
+        self.valid.row(line)
     }
 
     /// Number of lines of grey that have come since the frame began.
@@ -201,6 +227,11 @@ impl<'m> View<'m> {
         }
         rows
     }
+}
+
+/// A run of columns as positions of a row that is stored from right to left.
+fn mirrored(columns: Range<usize>, width: usize) -> Range<usize> {
+    width.saturating_sub(columns.end)..width.saturating_sub(columns.start)
 }
 
 /// The two views of a matcher, by their roles.

@@ -1,14 +1,17 @@
 //! The checks of a row of selected disparities: left-right, uniqueness and texture.
 
-use crate::rows::Found;
+use core::ops::Range;
+
+use crate::disparity::INVALID;
+use crate::rows::{Found, fill_outside};
 
 /// A row of selected disparities, to be checked.
 ///
-/// The left-right check rejects a pixel whose match lies outside the other view or has another
-/// best disparity itself. A pixel whose margin is too small (uniqueness), or whose surroundings
+/// The left-right check rejects a pixel that its camera did not see, and one whose match lies
+/// outside of what the other camera saw or has another best disparity itself. A pixel whose margin is too small (uniqueness), or whose surroundings
 /// have too little texture, is in doubt. Texture is the sum of the absolute steps from pixel to
 /// pixel along the line, over the pixels at most `reach` away.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct RowCheck<'a> {
     /// [`AggregateRow::best`](crate::kernel::AggregateRow::best).
     pub best: &'a [u16],
@@ -24,6 +27,10 @@ pub struct RowCheck<'a> {
     pub tolerance_px: u8,
     /// Smallest margin of a pixel that is not in doubt.
     pub margin: i16,
+    /// Positions of the row that the camera saw.
+    pub valid: Range<usize>,
+    /// Positions of the other view's row that its camera saw, in the stored order of that view.
+    pub other_valid: Range<usize>,
     /// Grey levels of the line, with `reach` more pixels at both ends.
     pub grey: &'a [u8],
     /// Reach of the window over which texture is summed, px, at most 128.
@@ -51,8 +58,8 @@ impl RowCheck<'_> {
         let count = self.best.len();
         // The other view's best matches at the positions of its pixels.
         let minimum_px = isize::from(self.minimum_px);
-        let start = (-minimum_px).max(0).unsigned_abs();
-        let end = count.saturating_add_signed(-minimum_px);
+        let index = |position: usize| position.saturating_add_signed(-minimum_px);
+        let (start, end) = (index(self.other_valid.start), index(self.other_valid.end));
         let others = self.other_best.get(..end.min(self.other_best.len()));
         let others = others
             .and_then(|others| others.get(start..))
@@ -74,6 +81,8 @@ impl RowCheck<'_> {
             *found = Found::select(refined_index_q4, agrees, is_clear).stored();
             *confidence = (margin.clamp(1, 255) & is_clear & agrees) as u8;
         }
+        fill_outside(found, &self.valid, INVALID);
+        fill_outside(confidences, &self.valid, 0);
         if self.texture_min == 0 {
             return;
         }

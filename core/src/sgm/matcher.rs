@@ -1,6 +1,8 @@
 //! The streaming matcher of the SGM method: takes lines of both views, returns rows of checked
 //! disparities.
 
+use core::ops::Range;
+
 use super::alignment::{Alignment, GreyRows, Match};
 use super::check::RowCheck;
 use super::exposure::Exposure;
@@ -214,6 +216,14 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         self.confidences
     }
 
+    /// Positions of the row last completed that the reference camera saw.
+    #[must_use]
+    pub fn valid(&self) -> Range<usize> {
+        self.views
+            .reference
+            .valid(self.rows_out().saturating_sub(1))
+    }
+
     /// Channels of the reference view, for the refinement.
     #[must_use]
     pub fn channels(&self) -> &[Strip<'m>] {
@@ -389,6 +399,8 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
             minimum_px: self.config.disparities.minimum_px,
             tolerance_px: self.parameters.left_right_tolerance_px,
             margin: self.parameters.margin,
+            valid: self.views.reference.valid(line),
+            other_valid: self.views.other.valid(line),
             // The padding of the strip is at least the support.
             grey: grey.run(line, -(reach as isize), self.plan.width + 2 * reach),
             reach,

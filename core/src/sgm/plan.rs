@@ -87,6 +87,8 @@ impl SgmPlan {
             smoothed_padding: support.x_px as usize,
             smoothing_step,
             moving: false,
+            // As colour of the other view.
+            valid_lines: ahead as usize + 1,
         };
         let other = ViewSize {
             grey_lines: window,
@@ -149,6 +151,7 @@ impl SgmPlan {
                 self.reference.grey_lines
             },
             smoothed_lines: 0,
+            valid_lines: 0,
             ..self.reference
         }
     }
@@ -170,7 +173,7 @@ impl SgmPlan {
     /// | part | bytes |
     /// |---|---|
     /// | synapses | `4 n`: offsets, and the cost of a cell by the number of unmasked ones |
-    /// | views | grey: `2 (2 Y + 1) (W + 2 X)`, and as much again where lines are smoothed; in colour three channels besides, of the reference view as deep as the last stage looks back and `Y + 1` lines of the other; `W` per channel and grey where lines are moved |
+    /// | views | grey: `2 (2 Y + 1) (W + 2 X)`, and as much again where lines are smoothed; in colour three channels besides, of the reference view as deep as the last stage looks back and `Y + 1` lines of the other; `W` per channel and grey where lines are moved; `8 (Y + 1)` for what the cameras saw of each line |
     /// | masks, unless every cell counts | `8 n` |
     /// | costs and paths | `2 W D + 5 D + 2 W + 6` |
     /// | paths from the right, and before them patterns, levels of the other view and cells of the masks | the larger of `W D` and `(W + P + 32) n / 8 + 2 c P + 32 n`, without `2 c P` where levels do not count and without `32 n` where every cell does |

@@ -1,5 +1,7 @@
 //! The refinement of checked rows: all stages up to a line of disparities.
 
+use core::ops::Range;
+
 use super::fill::Fill;
 use super::medians::{Median9, WeightedMedian};
 use super::region_vote::RegionVote;
@@ -8,7 +10,9 @@ use super::surroundings::Surroundings;
 use crate::config::{Config, ConfigError, Output, SgmParameters};
 use crate::disparity::{INVALID, Reference, px_to_q4};
 use crate::kernel::Kernels;
-use crate::rows::{Arena, Part, Parts, Ring, RowStage, Strip, Then, copy_common, words};
+use crate::rows::{
+    Arena, Part, Parts, Ring, RowStage, Strip, Then, ValidRuns, copy_common, fill_outside, words,
+};
 
 /// The stages in order. The parameters may leave a stage out; with the weighted median, the second
 /// median of 3 x 3 is left out too.
@@ -27,6 +31,8 @@ pub struct SgmRefiner<'m, K> {
     row: &'m mut [i16],
     /// Confidences of the rows that are in the stages.
     confidences: Ring<'m, u8>,
+    /// What the reference camera saw of them.
+    valid: ValidRuns<'m>,
     line_q4: &'m mut [i16],
     line_confidences: &'m mut [u8],
     config: Config,
@@ -62,13 +68,15 @@ impl SgmRefiner<'_, ()> {
     /// | region vote, reach `(x, y)` | `4 W (2 y + 1) + 4 W + 2 D` |
     /// | each median of 3 x 3 | `6 W + 12` |
     /// | weighted median of `p` taps, reach `(x, y)` | `2 (W + 2 x) (2 y + 1) + 17 p` |
-    /// | output, of stages `l` lines late | `2 W + W (l + 1) + 3 w` |
+    /// | output, of stages `l` lines late | `2 W + (W + 4) (l + 1) + 3 w` |
     pub(crate) const fn parts(config: &Config, sgm: &SgmParameters) -> Parts {
         let width = config.width as usize;
         let columns = config.region.width as usize;
         let stages = SgmRefiner::stages(config, sgm);
+        let rows = stages.latency_lines() as usize + 1;
         let output = words(width, size_of::<i16>())
-            + Ring::<u8>::words(width, 0, stages.latency_lines() as usize + 1)
+            + Ring::<u8>::words(width, 0, rows)
+            + ValidRuns::words(rows)
             + words(columns, size_of::<i16>())
             + words(columns, 1);
         stages.and(Part::memory("output", output))
@@ -123,6 +131,7 @@ impl<'m, K: Kernels> SgmRefiner<'m, K> {
             ),
             row: arena.take(width)?,
             confidences: Ring::new(width, 0, latency as usize + 1, 0, arena)?,
+            valid: ValidRuns::new(latency as usize + 1, arena)?,
             line_q4: arena.take(columns)?,
             line_confidences: arena.take(columns)?,
             config: *config,
@@ -134,15 +143,23 @@ impl<'m, K: Kernels> SgmRefiner<'m, K> {
     pub fn reset(&mut self) {
         RowStage::<Surroundings<'_, '_, '_>>::reset(&mut self.stages);
         self.confidences.clear();
+        self.valid.clear();
         self.rows_out = 0;
     }
 
-    /// Takes a row as [`RowCheck::write`](super::RowCheck::write) writes it, in stored order.
-    /// `channels` are the reference view's, with all lines that
+    /// Takes a row as [`RowCheck::write`](super::RowCheck::write) writes it, in stored order, and
+    /// the positions of it that the reference camera saw. `channels` are the reference view's, with all lines that
     /// [`SgmPlan::refinement_view`](super::SgmPlan::refinement_view) keeps. Returns whether this
     /// completes a line, which is then [`SgmRefiner::line_q4`].
-    pub fn push(&mut self, found: &[i16], confidences: &[u8], channels: &[Strip<'_>]) -> bool {
+    pub fn push(
+        &mut self,
+        found: &[i16],
+        confidences: &[u8],
+        valid: Range<usize>,
+        channels: &[Strip<'_>],
+    ) -> bool {
         self.confidences.push_copy(confidences);
+        self.valid.push(valid);
         copy_common(self.row, found);
         let mut around = Surroundings {
             channels,
@@ -175,9 +192,10 @@ impl<'m, K: Kernels> SgmRefiner<'m, K> {
         self.line_confidences
     }
 
-    /// Crops the completed row to the region, in the order of columns, and adds the lowest
-    /// disparity. Always returns true.
+    /// Crops the completed row to what the camera saw and to the region, in the order of columns,
+    /// and adds the lowest disparity. Always returns true.
     fn write_line(&mut self) -> bool {
+        fill_outside(self.row, &self.valid.row(self.rows_out), INVALID);
         let row = &*self.row;
         let confidences = self.confidences.row(self.rows_out);
         self.rows_out += 1;

@@ -34,11 +34,12 @@ pub(super) fn match_in_bands(
         colour: false,
         ..*config
     };
-    for band in match_bands(config, recall, &views, kernels, threads)? {
-        for row in band.chunks_exact(candidates_length(config, recall)) {
-            if refiner.push(row) {
-                map.push(refiner.line_q4(), refiner.line_confidences());
-            }
+    for row in match_bands(config, recall, &views, kernels, threads)?
+        .iter()
+        .flatten()
+    {
+        if refiner.push(&row.candidates_px, row.valid.clone()) {
+            map.push(refiner.line_q4(), refiner.line_confidences());
         }
     }
     while refiner.flush() {
@@ -55,7 +56,7 @@ fn match_bands(
     views: &Views,
     kernels: NativeKernels,
     threads: usize,
-) -> Result<Vec<Vec<i16>>, FrameError> {
+) -> Result<Vec<Vec<Row>>, FrameError> {
     let Range { start, end } = rows_of(config, views)?;
     // More bands than rows would be empty, and `start..end` may be.
     let most = usize::try_from(end - start).unwrap_or(usize::MAX).max(1);
@@ -83,7 +84,7 @@ fn match_band(
     views: &Views,
     kernels: NativeKernels,
     band: Range<u32>,
-) -> Result<Vec<i16>, FrameError> {
+) -> Result<Vec<Row>, FrameError> {
     let config = Config {
         region: Region {
             y: band.start,
@@ -94,19 +95,30 @@ fn match_band(
     };
     let mut memory = vec![0; RecallMatcher::<NativeKernels>::words(&config, recall)];
     let mut rows = RecallMatcher::new(&config, recall, kernels, &mut Arena::new(&mut memory))?;
-    let mut candidates = Vec::with_capacity(band.len() * candidates_length(&config, recall));
+    let mut band_rows = Vec::with_capacity(band.len());
     let reach = usize::from(config.parameters.support.y_px);
     for (left, right) in views.lines(kernels).take(band.end as usize + reach) {
         if rows.push(&left, &right).is_some() {
-            candidates.extend_from_slice(rows.candidates_px());
+            band_rows.push(Row::of(&rows));
         }
     }
     while rows.flush().is_some() {
-        candidates.extend_from_slice(rows.candidates_px());
+        band_rows.push(Row::of(&rows));
     }
-    Ok(candidates)
+    Ok(band_rows)
 }
 
-fn candidates_length(config: &Config, recall: &RecallParameters) -> usize {
-    usize::from(recall.candidates) * usize::from(config.region.width)
+/// A row of candidates on its way to the refinement.
+struct Row {
+    candidates_px: Vec<i16>,
+    valid: Range<usize>,
+}
+
+impl Row {
+    fn of(rows: &RecallMatcher<'_, NativeKernels>) -> Self {
+        Self {
+            candidates_px: rows.candidates_px().to_vec(),
+            valid: rows.valid(),
+        }
+    }
 }

@@ -5,6 +5,7 @@
 //! and the other makes masks ahead of it and refines behind it.
 
 use std::iter::Flatten;
+use std::ops::Range;
 use std::sync::mpsc::{IntoIter, Receiver, SyncSender, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -15,11 +16,10 @@ use vgstereo_core::sgm::{
     BlockMasks, RowMasks, SgmMasks, SgmMatcher, SgmPlan, SgmRefiner, block_first,
 };
 use vgstereo_core::{Config, ConfigError, Reference, SgmParameters};
-use vgstereo_firmware::camera::RawLine;
 use vgstereo_kernels::NativeKernels;
 
 use super::map::{FrameError, Map, rows_of};
-use crate::views::Views;
+use crate::views::{ViewLine, Views};
 
 /// Rows handed over at a time: waking a thread can take as long as a row.
 const BATCH_ROWS: usize = 16;
@@ -88,7 +88,7 @@ pub(super) fn match_pipelined(
         for batch in found_receiver {
             for found in batch {
                 let channels = behind.around(found.line);
-                if refiner.push(&found.found, &found.confidences, channels) {
+                if refiner.push(&found.found, &found.confidences, found.valid, channels) {
                     map.push(refiner.line_q4(), refiner.line_confidences());
                 }
             }
@@ -124,6 +124,7 @@ fn match_rows(
                 line,
                 found: matcher.found().to_vec(),
                 confidences: matcher.confidences().to_vec(),
+                valid: matcher.valid(),
             });
         }
         if batch.len() == BATCH_ROWS && sender.send(std::mem::take(&mut batch)).is_err() {
@@ -139,6 +140,7 @@ struct FoundRow {
     line: u32,
     found: Vec<i16>,
     confidences: Vec<u8>,
+    valid: Range<usize>,
 }
 
 /// The masks of a row on their way to the matcher, block after block.
@@ -207,7 +209,7 @@ impl RowMasks for MasksAhead {
 /// The reference view's lines, as far down as a row looks.
 struct ReferenceLines<'a> {
     view: View<'a>,
-    lines: Box<dyn Iterator<Item = RawLine<'a, NativeKernels>> + 'a>,
+    lines: Box<dyn Iterator<Item = ViewLine<'a, NativeKernels>> + 'a>,
     kernels: NativeKernels,
     taken: u32,
     reach: u32,

@@ -26,7 +26,14 @@ pub fn match_whole(pair: &Pair, config: &Config) -> Vec<i16> {
     let mut map: Vec<i16> = candidates.iter().map(|list| list[0]).collect();
     vote(&mut map, &candidates, pair.width, recall.vote_passes);
     let map = median(&map, pair.width, i32::from(recall.median_reach_px));
-    map.into_iter().map(px_to_q4).collect()
+    let own = match config.reference {
+        Reference::Left => 0,
+        Reference::Right => 1,
+    };
+    let pixels = map.into_iter().enumerate();
+    let seen = |i: usize| pair.sees(own, i % pair.width, i / pair.width);
+    let disparity = |(i, px)| if seen(i) { px_to_q4(px) } else { INVALID };
+    pixels.map(disparity).collect()
 }
 
 /// Returns the offsets that a matcher draws with one generator: the first half with the first
@@ -55,9 +62,9 @@ fn candidates(
     recall: &RecallParameters,
     synapses: Synapses<'_>,
 ) -> Vec<Vec<i16>> {
-    let (reference, other) = match config.reference {
-        Reference::Left => (&pair.left, &pair.right),
-        Reference::Right => (&pair.right, &pair.left),
+    let (reference, other, [own_view, other_view]) = match config.reference {
+        Reference::Left => (&pair.left, &pair.right, [0, 1]),
+        Reference::Right => (&pair.right, &pair.left, [1, 0]),
     };
     let pattern = |pixels: &[u8], x: i32, y: i32| -> Vec<bool> {
         let sample = |offset: Offset| {
@@ -82,7 +89,10 @@ fn candidates(
                     Reference::Left => x - d,
                     Reference::Right => x + d,
                 };
-                if let Some(stored) = usize::try_from(column).ok().and_then(|c| memory.get(c)) {
+                if let Some(column) = usize::try_from(column).ok()
+                    && let Some(stored) = memory.get(column)
+                    && pair.sees(other_view, column, y as usize)
+                {
                     let distance = input.iter().zip(stored).filter(|(a, b)| a != b).count();
                     recalled.push((distance, d));
                 }
@@ -100,6 +110,9 @@ fn candidates(
                 }
             }
             list.truncate(recall.candidates.into());
+            if !pair.sees(own_view, x as usize, y as usize) {
+                list.fill(INVALID);
+            }
             lists.push(list);
         }
     }

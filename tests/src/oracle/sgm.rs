@@ -21,6 +21,8 @@ struct View {
     height: i32,
     grey: Vec<i32>,
     channels: Vec<Vec<i32>>,
+    /// Whether the camera saw each pixel.
+    seen: Vec<bool>,
 }
 
 impl View {
@@ -53,8 +55,8 @@ pub fn match_whole(pair: &Pair, config: &Config) -> (Vec<i16>, Vec<u8>) {
     // To match to the right view, match the mirrored views to the left one.
     let mirrored = config.reference == Reference::Right;
     let (mut reference, mut other) = match config.reference {
-        Reference::Left => (view(pair, &pair.left, &a), view(pair, &pair.right, &a)),
-        Reference::Right => (view(pair, &pair.right, &a), view(pair, &pair.left, &a)),
+        Reference::Left => (view(pair, 0, &a), view(pair, 1, &a)),
+        Reference::Right => (view(pair, 1, &a), view(pair, 0, &a)),
     };
     let mut offsets = offsets(&config.parameters);
     if mirrored {
@@ -108,8 +110,9 @@ pub fn match_whole(pair: &Pair, config: &Config) -> (Vec<i16>, Vec<u8>) {
     let minimum_q4 = i32::from(config.disparities.minimum_px) * 16;
     let mut map_q4: Vec<i16> = map
         .iter()
-        .map(|&q4| {
-            if q4 == i32::from(INVALID) {
+        .zip(&reference.seen)
+        .map(|(&q4, seen)| {
+            if q4 == i32::from(INVALID) || !seen {
                 INVALID
             } else {
                 (q4 + minimum_q4) as i16
@@ -135,7 +138,8 @@ pub fn match_whole(pair: &Pair, config: &Config) -> (Vec<i16>, Vec<u8>) {
     (map_q4, confidences)
 }
 
-fn view(pair: &Pair, pixels: &[u8], a: &SgmParameters) -> View {
+fn view(pair: &Pair, camera: usize, a: &SgmParameters) -> View {
+    let pixels = [&pair.left, &pair.right][camera];
     let count = pair.width * pair.height;
     let (mut grey, mut row) = (vec![0; count], vec![0; count]);
     luma_row(pair.format, pixels, &mut grey);
@@ -158,6 +162,9 @@ fn view(pair: &Pair, pixels: &[u8], a: &SgmParameters) -> View {
         height: pair.height as i32,
         grey: plane(&grey),
         channels,
+        seen: (0..count)
+            .map(|i| pair.sees(camera, i % pair.width, i / pair.width))
+            .collect(),
     }
 }
 
@@ -166,6 +173,9 @@ fn mirror(view: &mut View) {
         for line in plane.chunks_mut(view.width as usize) {
             line.reverse();
         }
+    }
+    for line in view.seen.chunks_mut(view.width as usize) {
+        line.reverse();
     }
 }
 
@@ -544,8 +554,9 @@ fn find(
                 }
             }
             let match_x = x - minimum - best as i32;
-            let inside = (0..width).contains(&match_x);
+            let inside = (0..width).contains(&match_x) && other.seen[other.index(match_x, y)];
             let agrees = inside
+                && reference.seen[reference.index(x, y)]
                 && best_of_other(match_x)
                     .is_some_and(|other| other.abs_diff(best) <= a.left_right_tolerance_px.into());
             let reach = i32::from(config.parameters.support.x_px);
