@@ -165,4 +165,4 @@ pub use disparity::{DisparityRange, INVALID, Reference, STEPS_PER_PX};
 pub use kernel::{Kernels, Portable};
 pub use matcher::{DisparityLine, Matcher, PushError};
 pub use plan::Plan;
-pub use rows::{ColourRows, Line, PartlyValid};
+pub use rows::{ColourRows, Line};

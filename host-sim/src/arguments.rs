@@ -1,11 +1,13 @@
 //! Command-line options that several commands take.
 
-use std::path::PathBuf;
+use std::fs;
+use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::Args;
 use vgstereo_core::{Output, Parameters, Preset};
 
+use crate::calibration::{Keep, Options, projections};
 use crate::parameters::{with_file, with_setting};
 
 /// Options that replace parameters of a preset. A later field overrides an earlier one.
@@ -59,6 +61,68 @@ impl Overrides {
     }
 }
 
+/// Options that say what rectified views show, and what the calibration files leave open.
+#[derive(Debug, Clone, Default, PartialEq, Args)]
+#[command(next_help_heading = "Calibration")]
+pub struct RectifiedViews {
+    /// Size of the rectified views, px [default: that of the raw views].
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    view_size: Option<[u16; 2]>,
+    /// What the rectified views show: `all` that the cameras see, only `valid` pixels, or the part
+    /// X,Y,WxH of the views [default: as the files' own rectification, or else `valid`].
+    #[arg(long, value_name = "KEEP", value_parser = parse_keep)]
+    keep: Option<Keep>,
+    /// File with the projections P1 and P2 that the rectified views are to have, in YAML, XML, JSON or
+    /// TOML.
+    #[arg(long, value_name = "FILE", conflicts_with = "keep")]
+    projection: Option<PathBuf>,
+    /// Unit of the files' translation: mm, cm, m, or millimetres as a number, such as the side of
+    /// the board's squares.
+    #[arg(long, value_name = "UNIT", value_parser = parse_unit)]
+    unit: Option<f64>,
+    /// The cameras deliver a window of the picture that the files are of, from this column and
+    /// line on.
+    #[arg(long, value_name = "X,Y", value_parser = parse_corner)]
+    cropped: Option<[u16; 2]>,
+    /// The cameras join N by N pixels of the picture, or of its window, into one.
+    #[arg(long, value_name = "N")]
+    binned: Option<u16>,
+}
+
+impl RectifiedViews {
+    /// The files that are read for these options.
+    #[must_use]
+    pub fn files(&self) -> Vec<&Path> {
+        self.projection.iter().map(PathBuf::as_path).collect()
+    }
+
+    /// Returns the options of a rectification of raw views of this size, px; `None`: as the
+    /// calibration files state.
+    ///
+    /// # Errors
+    /// Fails with one line that names the file of projections and the reason.
+    pub fn options(&self, size: Option<[u16; 2]>) -> Result<Options> {
+        let projections = match &self.projection {
+            Some(path) => {
+                let name = path.display().to_string();
+                let bytes = fs::read(path).with_context(|| format!("cannot read {name}"))?;
+                let projections = projections(&name, &bytes)?;
+                Some(projections.with_context(|| format!("{name}: there are no P1 and P2"))?)
+            }
+            None => None,
+        };
+        Ok(Options {
+            size,
+            view_size: self.view_size,
+            keep: self.keep,
+            projections,
+            unit_mm: self.unit,
+            cropped: self.cropped,
+            binned: self.binned,
+        })
+    }
+}
+
 /// Returns a name for parameters that started from `preset`: that of the preset that they are,
 /// whatever their seed, or else that of `preset`, marked as changed.
 #[must_use]
@@ -105,6 +169,54 @@ pub fn output_of(sparse: bool) -> Output {
     }
 }
 
+/// Returns the width and the height that a text states, px.
+///
+/// # Errors
+/// Fails with one line that shows how a size is written.
+pub fn parse_size(text: &str) -> Result<[u16; 2], String> {
+    let sides = text.split_once('x').and_then(|(width, height)| {
+        let sides = [width.parse().ok()?, height.parse().ok()?];
+        (sides.iter().all(|side| (1..=4096).contains(side))).then_some(sides)
+    });
+    sides.ok_or_else(|| "a size is WIDTHxHEIGHT from 1 to 4096 px, such as 640x480".to_owned())
+}
+
+fn parse_keep(text: &str) -> Result<Keep, String> {
+    let crop = || {
+        let mut parts = text.splitn(3, ',');
+        let (x, y) = (parts.next()?.parse().ok()?, parts.next()?.parse().ok()?);
+        let [width, height] = parse_size(parts.next()?).ok()?;
+        Some(Keep::Crop([x, y, width, height]))
+    };
+    match text {
+        "all" => Ok(Keep::All),
+        "valid" => Ok(Keep::Valid),
+        _ => crop().ok_or_else(|| {
+            "it is all, valid, or X,Y,WIDTHxHEIGHT, such as 40,30,560x420".to_owned()
+        }),
+    }
+}
+
+fn parse_unit(text: &str) -> Result<f64, String> {
+    match text {
+        "mm" => Ok(1.0),
+        "cm" => Ok(10.0),
+        "m" => Ok(1000.0),
+        _ => text
+            .parse()
+            .ok()
+            .filter(|&mm: &f64| (1e-3..=1e6).contains(&mm))
+            .ok_or_else(|| "a unit is mm, cm, m, or a number of millimetres above 0".to_owned()),
+    }
+}
+
+fn parse_corner(text: &str) -> Result<[u16; 2], String> {
+    let corner = text
+        .split_once(',')
+        .and_then(|(x, y)| Some([x.parse().ok()?, y.parse().ok()?]));
+    corner.ok_or_else(|| "it is X,Y, such as 160,120".to_owned())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -119,5 +231,24 @@ mod tests {
         }
         let changed = micro.with_sigma(2.0);
         assert_eq!(name_of(&changed, Preset::Micro), "micro, changed");
+    }
+
+    #[test]
+    fn options_are_understood_or_refused() {
+        assert_eq!(parse_size("640x480"), Ok([640, 480]));
+        assert!(parse_size("640").is_err() && parse_size("0x480").is_err());
+        assert_eq!(parse_keep("valid"), Ok(Keep::Valid));
+        assert_eq!(
+            parse_keep("40,30,560x420"),
+            Ok(Keep::Crop([40, 30, 560, 420]))
+        );
+        assert!(parse_keep("most").is_err() && parse_keep("1,2,3").is_err());
+        assert_eq!(parse_corner("16,0"), Ok([16, 0]));
+        assert!(parse_corner("16").is_err() && parse_corner("-1,0").is_err());
+        assert_eq!(parse_unit("cm"), Ok(10.0));
+        assert_eq!(parse_unit("25.4"), Ok(25.4));
+        assert!(
+            parse_unit("0").is_err() && parse_unit("inf").is_err() && parse_unit("ft").is_err()
+        );
     }
 }

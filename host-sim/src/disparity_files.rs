@@ -148,7 +148,7 @@ impl DisparityFormat {
             values.map(narrow).collect()
         };
         match container {
-            Container::Png => png(&bytes, [width, height], wide, self.meaning()),
+            Container::Png => grey_png(&bytes, [width, height], wide, "Disparity", self.meaning()),
             Container::Pgm => {
                 let largest = if wide { u16::MAX } else { u8::MAX.into() };
                 let header = format!("P5\n# {}\n{width} {height}\n{largest}\n", self.meaning());
@@ -158,8 +158,18 @@ impl DisparityFormat {
     }
 }
 
-/// Returns the bytes of a grey PNG with a text that says what its values mean.
-fn png(levels: &[u8], [width, height]: [u32; 2], wide: bool, meaning: String) -> Result<Vec<u8>> {
+/// Returns the bytes of a grey PNG with a text of this name that says what its values mean. They
+/// have 16 bits if they are `wide`, the upper byte first.
+///
+/// # Errors
+/// Fails when there are more or fewer than the size needs.
+pub fn grey_png(
+    levels: &[u8],
+    [width, height]: [u32; 2],
+    wide: bool,
+    name: &str,
+    meaning: String,
+) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, width, height);
     encoder.set_color(png::ColorType::Grayscale);
@@ -168,7 +178,7 @@ fn png(levels: &[u8], [width, height]: [u32; 2], wide: bool, meaning: String) ->
     } else {
         png::BitDepth::Eight
     });
-    encoder.add_text_chunk("Disparity".to_owned(), meaning)?;
+    encoder.add_text_chunk(name.to_owned(), meaning)?;
     let mut writer = encoder.write_header()?;
     writer.write_image_data(levels)?;
     writer.finish()?;

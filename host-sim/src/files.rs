@@ -55,6 +55,19 @@ pub fn write_files<P: AsRef<Path>>(files: &[(P, Vec<u8>)]) -> Result<()> {
     Ok(())
 }
 
+/// Returns the names and the contents of these files.
+///
+/// # Errors
+/// Fails with one line that names the file and the reason.
+pub fn read_all(paths: &[PathBuf]) -> Result<Vec<(String, Vec<u8>)>> {
+    let files = paths.iter().map(|path| {
+        let name = path.display().to_string();
+        let bytes = fs::read(path).with_context(|| format!("cannot read {name}"))?;
+        Ok((name, bytes))
+    });
+    files.collect()
+}
+
 /// Checks that the files that a command writes are different ones, and none of those that it
 /// reads, however their paths are spelt. Files that are not regular are left out: two outputs
 /// may be `/dev/null`.

@@ -1,9 +1,9 @@
 //! The host simulator of vgstereo. It feeds the core that firmware links with stored images and
 //! rendered scenes.
 //!
-//! From the bottom up: [`files`], [`images`], [`pfm`], [`disparity_files`] and [`parameters`] read
+//! From the bottom up: [`files`], [`images`], [`pfm`], [`disparity_files`], [`depth_files`] and [`parameters`] read
 //! and write files. [`mod@calibration`] makes rectifications from calibration files.
-//! [`scene`] and [`views`] hold stereo pairs, [`dataset`] loads them, [`render`] makes one, and
+//! [`scene`] and [`views`] hold stereo pairs, [`mod@rectify`] rectifies them, [`dataset`] loads them, [`render`] makes one, and
 //! [`exposure`] and [`line_offset`] let the right camera differ from the left. [`camera`] and
 //! [`sink`] are the two ends of a firmware's session. [`mod@frame`] matches whole frames with the kernels of
 //! `vgstereo-kernels`, and [`pair_check`] tells what is wrong with a pair. [`metrics`] measures disparities
@@ -16,6 +16,7 @@ pub mod calibration;
 pub mod camera;
 pub mod commands;
 pub mod dataset;
+pub mod depth_files;
 pub mod disparity_files;
 pub mod exposure;
 pub mod files;
@@ -29,6 +30,7 @@ pub mod pfm;
 pub mod pictures;
 pub mod prepared;
 pub mod published;
+pub mod rectify;
 pub mod render;
 pub mod scene;
 pub mod sink;

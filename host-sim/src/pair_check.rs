@@ -283,6 +283,7 @@ fn sample(
             right,
             width: views.width,
             format: PixelFormat::Grey8,
+            grey: None,
             valid_columns,
         };
         let matched = match_frame(&config, &band, NativeKernels::fastest(), 1)?;

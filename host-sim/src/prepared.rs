@@ -3,12 +3,14 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use vgstereo_core::geometry::Rectification;
 use vgstereo_core::{Config, DisparityRange, Output, Parameters};
 use vgstereo_kernels::NativeKernels;
 
 use crate::dataset::load_scene;
 use crate::frame::{Matched, match_frame};
 use crate::metrics::BadPixels;
+use crate::rectify::rectified;
 use crate::scene::Scene;
 use crate::views::Views;
 
@@ -36,6 +38,22 @@ impl Prepared {
     /// Fails when the views are wider than a matcher takes.
     pub fn new(scene: Scene, grey: bool) -> Result<Self> {
         let views = Views::new(scene.left.clone(), scene.right.clone(), grey)?;
+        Ok(Self { scene, views })
+    }
+
+    /// Prepares a scene whose views are as the cameras gave them: they are rectified, and become the
+    /// scene's. With `grey`, the grey of colour images is matched.
+    ///
+    /// # Errors
+    /// Fails with one line that gives the reason when the rectification is for views of another size.
+    pub fn rectified(
+        mut scene: Scene,
+        grey: bool,
+        rectification: &Rectification<'_>,
+    ) -> Result<Self> {
+        let raw = Views::new(scene.left, scene.right, grey)?;
+        let views = rectified(&raw, rectification)?;
+        (scene.left, scene.right) = (views.picture(0)?, views.picture(1)?);
         Ok(Self { scene, views })
     }
 

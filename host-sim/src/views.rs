@@ -3,9 +3,9 @@
 use std::ops::Range;
 
 use anyhow::{Context, Result};
-use image::RgbImage;
+use image::{DynamicImage, GrayImage, RgbImage};
 use vgstereo_core::kernel::luma_row;
-use vgstereo_core::{Kernels, PartlyValid};
+use vgstereo_core::{Kernels, Line};
 use vgstereo_firmware::camera::{PixelFormat, RawLine};
 
 /// A rectified pair of views, both of one size, stored as a camera delivers them: line by
@@ -20,13 +20,49 @@ pub struct Views {
     pub width: u16,
     /// Pixel format of both views.
     pub format: PixelFormat,
+    /// Grey levels of the left and of the right view, row-major, where they are not the luma of
+    /// the pixels: rectified in colour, each channel is rounded for itself.
+    pub grey: Option<[Vec<u8>; 2]>,
     /// For each line of the left and of the right view, the columns that the camera saw; no lines
     /// where it saw all.
     pub valid_columns: [Vec<Range<u16>>; 2],
 }
 
 /// A line of one of the [`Views`].
-pub type ViewLine<'a, K> = PartlyValid<RawLine<'a, K>>;
+#[derive(Debug, Clone)]
+pub struct ViewLine<'a, K> {
+    /// The pixels.
+    pub pixels: RawLine<'a, K>,
+    /// Grey levels; `None` where they are the luma of the pixels.
+    pub grey: Option<&'a [u8]>,
+    /// The columns that the camera saw.
+    pub valid_columns: Range<usize>,
+}
+
+impl<K: Kernels> Line for ViewLine<'_, K> {
+    fn width(&self) -> usize {
+        self.pixels.width()
+    }
+
+    fn valid_columns(&self) -> Range<usize> {
+        self.valid_columns.clone()
+    }
+
+    fn has_colour(&self) -> bool {
+        self.pixels.has_colour()
+    }
+
+    fn write_grey(&self, row: &mut [u8]) {
+        match self.grey {
+            Some(levels) => levels.write_grey(row),
+            None => self.pixels.write_grey(row),
+        }
+    }
+
+    fn write_channel(&self, channel: usize, row: &mut [u8]) {
+        self.pixels.write_channel(channel, row);
+    }
+}
 
 impl Views {
     /// Returns the views of two images that have one size. Pixels are grey with `grey` or when one of
@@ -45,6 +81,7 @@ impl Views {
             left: left.into_raw(),
             right: right.into_raw(),
             format: PixelFormat::Rgb888,
+            grey: None,
             valid_columns: Default::default(),
         };
         Ok(if grey { views.to_grey() } else { views })
@@ -53,18 +90,39 @@ impl Views {
     /// Returns these views with every pixel replaced by its luma.
     #[must_use]
     pub fn to_grey(&self) -> Self {
-        let lines = |view: &[u8]| {
+        let luma = |view: &[u8]| {
             let mut grey = vec![0; view.len() / self.format.bytes_per_pixel()];
             luma_row(self.format, view, &mut grey);
             grey
         };
+        let [left, right] = match &self.grey {
+            Some(levels) => levels.clone(),
+            None => [luma(&self.left), luma(&self.right)],
+        };
         Self {
-            left: lines(&self.left),
-            right: lines(&self.right),
+            left,
+            right,
             width: self.width,
             format: PixelFormat::Grey8,
+            grey: None,
             valid_columns: self.valid_columns.clone(),
         }
+    }
+
+    /// The left (0) or the right view (1) as a picture.
+    ///
+    /// # Errors
+    /// Fails when the view is not made of whole lines of grey or RGB.
+    pub fn picture(&self, view: usize) -> Result<RgbImage> {
+        let pixels = if view == 0 { &self.left } else { &self.right };
+        let size = [self.width.into(), u32::try_from(self.height())?];
+        let [width, height] = size;
+        let picture = match self.format {
+            PixelFormat::Grey8 => GrayImage::from_raw(width, height, pixels.clone())
+                .map(|grey| DynamicImage::from(grey).into_rgb8()),
+            _ => RgbImage::from_raw(width, height, pixels.clone()),
+        };
+        picture.context("the view is not made of whole lines")
     }
 
     /// Whether the views have colour.
@@ -85,21 +143,20 @@ impl Views {
         kernels: K,
     ) -> impl Iterator<Item = (ViewLine<'_, K>, ViewLine<'_, K>)> {
         let bytes = self.format.line_bytes(self.width).max(1);
-        let line = move |bytes, valid: Option<&Range<u16>>| PartlyValid {
-            line: RawLine::new(self.format, bytes, kernels),
-            valid_columns: match valid {
+        let width = usize::from(self.width);
+        let line = move |view: usize, y: usize, bytes| ViewLine {
+            pixels: RawLine::new(self.format, bytes, kernels),
+            grey: self
+                .grey
+                .as_ref()
+                .and_then(|levels| levels[view].get(y * width..(y + 1) * width)),
+            valid_columns: match self.valid_columns[view].get(y) {
                 Some(columns) => columns.start.into()..columns.end.into(),
-                None => 0..self.width.into(),
+                None => 0..width,
             },
         };
         let right = self.right.chunks_exact(bytes);
         let pairs = self.left.chunks_exact(bytes).zip(right).enumerate();
-        pairs.map(move |(y, (left, right))| {
-            let [left_valid, right_valid] = &self.valid_columns;
-            (
-                line(left, left_valid.get(y)),
-                line(right, right_valid.get(y)),
-            )
-        })
+        pairs.map(move |(y, (left, right))| (line(0, y, left), line(1, y, right)))
     }
 }

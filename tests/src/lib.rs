@@ -8,9 +8,7 @@ use std::ops::Range;
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_core::literal::GreyImage;
-use vgstereo_core::{
-    Config, DisparityLine, Kernels, Matcher, Output, Parameters, PartlyValid, Portable,
-};
+use vgstereo_core::{Config, DisparityLine, Kernels, Matcher, Output, Parameters, Portable};
 use vgstereo_firmware::camera::{PixelFormat, RawLine};
 use vgstereo_sim::prepared::Prepared;
 use vgstereo_sim::scene::Scene;
@@ -155,6 +153,7 @@ impl Pair {
             right: self.right.clone(),
             width: self.width.try_into().unwrap(),
             format: self.format,
+            grey: None,
             valid_columns: self.valid_columns.clone(),
         }
     }
@@ -165,8 +164,9 @@ impl Pair {
         let right = self.right.chunks_exact(bytes);
         let pairs = self.left.chunks_exact(bytes).zip(right).enumerate();
         pairs.map(move |(y, (left, right))| {
-            let line = |view: usize, bytes| PartlyValid {
-                line: RawLine::new(self.format, bytes, Portable),
+            let line = |view: usize, bytes| ViewLine {
+                pixels: RawLine::new(self.format, bytes, Portable),
+                grey: None,
                 valid_columns: match self.valid_columns[view].get(y) {
                     Some(columns) => columns.start.into()..columns.end.into(),
                     None => 0..self.width,

@@ -32,7 +32,7 @@ const _: () = assert!(
             + 2 * 450
             + 452
             + 8 * 13
-            + 4
+            + 8
 );
 const _: () = assert!(TEDDY.memory_words() * 4 <= 96 * 1024);
 

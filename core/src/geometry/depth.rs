@@ -35,6 +35,18 @@ impl Depth {
         }
     }
 
+    /// `256 f B`, with the focal length in px and the baseline in mm.
+    #[must_use]
+    pub const fn numerator_q8(&self) -> u32 {
+        self.numerator_q8
+    }
+
+    /// 256 times what is added to a disparity, px.
+    #[must_use]
+    pub const fn offset_q8(&self) -> i32 {
+        self.offset_q8
+    }
+
     /// Returns the depth of a disparity in 1/16 px, in mm, rounded to nearest. It is 0, which stands
     /// for no depth, where the disparity is [`INVALID`], where the point would lie at infinity or
     /// behind the cameras, and beyond 65,535 mm. One division.

@@ -1,6 +1,7 @@
 //! The rectifier: raw lines of two cameras in, rectified lines out.
 
 use core::fmt;
+use core::ops::Range;
 
 use super::rectification::{Rectification, ViewMap};
 use crate::kernel::{MAX_CHANNELS, ResampleRow, resample_row};
@@ -225,7 +226,16 @@ impl<'m, 'r> Rectifier<'m, 'r> {
         left.locate(&self.rectification.left, y);
         right.locate(&self.rectification.right, y);
         let width = usize::from(self.rectification.width);
-        Some([&*left, &*right].map(|view| RectifiedLine { view, width }))
+        let maps = [&self.rectification.left, &self.rectification.right];
+        let valid = maps.map(|map| map.valid_columns(y));
+        let [left_valid, right_valid] = valid;
+        Some(
+            [(&*left, left_valid), (&*right, right_valid)].map(|(view, valid)| RectifiedLine {
+                view,
+                width,
+                valid,
+            }),
+        )
     }
 
     /// Forgets the frame: the next raw pair is its first.
@@ -249,15 +259,20 @@ impl<'m, 'r> Rectifier<'m, 'r> {
 }
 
 /// A line of a rectified view, which is resampled from raw lines where it is written.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct RectifiedLine<'a> {
     view: &'a RawView<'a>,
     width: usize,
+    valid: Range<u16>,
 }
 
 impl Line for RectifiedLine<'_> {
     fn width(&self) -> usize {
         self.width
+    }
+
+    fn valid_columns(&self) -> Range<usize> {
+        self.valid.start.into()..self.valid.end.into()
     }
 
     fn has_colour(&self) -> bool {

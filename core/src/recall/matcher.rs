@@ -7,7 +7,9 @@ use crate::config::{Config, ConfigError, RecallParameters};
 use crate::disparity::{INVALID, Reference};
 use crate::kernel::{Kernels, LANES, RowRecall};
 use crate::pattern::{PatternRow, Sampler, Synapses};
-use crate::rows::{Arena, Line, Order, Part, Parts, ViewPair, ViewSize, fill_outside, words};
+use crate::rows::{
+    Arena, Line, MatchPositions, Order, Part, Parts, ViewPair, ViewSize, fill_outside, words,
+};
 
 /// Takes pairs of lines and returns one row of candidate disparities for each, `support.y_px` lines
 /// later.
@@ -172,10 +174,11 @@ impl<'m, K: Kernels> RecallMatcher<'m, K> {
     }
 
     /// Columns of the row last completed, from the region's first on, that the reference camera
-    /// saw.
+    /// saw, and positions of the other view's stored row that the other camera saw.
     #[must_use]
-    pub fn valid(&self) -> Range<usize> {
-        self.valid_columns(self.rows_out().saturating_sub(1))
+    pub fn valid(&self) -> [Range<usize>; 2] {
+        let line = self.rows_out().saturating_sub(1);
+        [self.valid_columns(line), self.views.other.valid(line)]
     }
 
     fn valid_columns(&self, line: u32) -> Range<usize> {
@@ -188,13 +191,9 @@ impl<'m, K: Kernels> RecallMatcher<'m, K> {
         let region = &self.config.region;
         let columns = usize::from(region.width);
         let column = usize::from(region.x);
-        let width = usize::from(self.config.width);
-        // The minimum and the column fit `i16` and `u16`, and so `isize` with room.
-        let minimum = self.config.disparities.minimum_px as isize;
-        let (first, step) = match self.config.reference {
-            Reference::Left => ((width - 1 - column) as isize + minimum, -1),
-            Reference::Right => (column as isize + minimum, 1),
-        };
+        let MatchPositions { first, step } = match_positions(&self.config);
+        let first = first as isize + isize::from(self.config.disparities.minimum_px);
+        let step = step as isize;
         let disparities = usize::from(self.config.disparities.count);
         let seen = self.views.other.valid(line);
         let used = used_positions(first, step, columns, disparities, seen);
@@ -230,6 +229,16 @@ impl<'m, K: Kernels> RecallMatcher<'m, K> {
             fill_outside(plane, &valid, INVALID);
         }
     }
+}
+
+/// Where the columns of the region have their matches in the stored row of the other view.
+pub(super) fn match_positions(config: &Config) -> MatchPositions {
+    let column = i32::from(config.region.x);
+    let (first, step) = match config.reference {
+        Reference::Left => (i32::from(config.width) - 1 - column, -1),
+        Reference::Right => (column, 1),
+    };
+    MatchPositions { first, step }
 }
 
 /// The stored positions of the other view that `columns` neurons can reach, of those that its

@@ -2,12 +2,13 @@
 
 use core::ops::Range;
 
+use super::matcher::match_positions;
 use super::median::Median;
 use super::vote::VoteFilter;
 use crate::config::{Config, ConfigError, RecallParameters};
-use crate::disparity::{INVALID, px_to_q4};
+use crate::disparity::{DisparityRange, INVALID, px_to_q4};
 use crate::rows::{
-    Arena, Part, Parts, RowStage, Then, ValidRuns, copy_common, fill_outside, words,
+    Arena, MatchPositions, Part, Parts, RowStage, Then, ValidRuns, copy_common, fill_outside, words,
 };
 
 /// The configured stages, one after another.
@@ -17,9 +18,12 @@ pub struct RecallRefiner<'m> {
     /// The row on its way through the stages, px; then the line, 1/16 px.
     line: &'m mut [i16],
     confidences: &'m mut [u8],
-    /// What the reference camera saw of the rows that are in the stages.
-    valid: ValidRuns<'m>,
+    /// What the cameras saw of the rows that are in the stages: columns of the region in the
+    /// reference view, and positions of the other view's stored row.
+    valid: [ValidRuns<'m>; 2],
     rows_out: u32,
+    disparities: DisparityRange,
+    matches: MatchPositions,
 }
 
 impl<'m> RecallRefiner<'m> {
@@ -30,13 +34,13 @@ impl<'m> RecallRefiner<'m> {
     /// |---|---|
     /// | vote of `v` passes | `2 w ((v + 1) k + v + 2)` |
     /// | median of reach `m` | `2 w (2 m + 1) + 2 D` |
-    /// | output, of stages `l` lines late | `3 w + 4 (l + 1)` |
+    /// | output, of stages `l` lines late | `3 w + 8 (l + 1)` |
     pub(crate) const fn parts(config: &Config, recall: &RecallParameters) -> Parts {
         let columns = config.region.width as usize;
         let parts = Self::stages(config, recall);
         let output = words(columns, size_of::<i16>())
             + words(columns, 1)
-            + ValidRuns::words(parts.latency_lines() as usize + 1);
+            + 2 * ValidRuns::words(parts.latency_lines() as usize + 1);
         parts.and(Part::memory("output", output))
     }
 
@@ -87,22 +91,31 @@ impl<'m> RecallRefiner<'m> {
             stages: Then(vote, median),
             line: arena.take(columns)?,
             confidences: arena.take(columns)?,
-            valid: ValidRuns::new(latency as usize + 1, arena)?,
+            valid: [
+                ValidRuns::new(latency as usize + 1, arena)?,
+                ValidRuns::new(latency as usize + 1, arena)?,
+            ],
             rows_out: 0,
+            disparities: config.disparities,
+            matches: match_positions(config),
         })
     }
 
     /// Forgets the frame.
     pub fn reset(&mut self) {
         RowStage::<&[i16]>::reset(&mut self.stages);
-        self.valid.clear();
+        for runs in &mut self.valid {
+            runs.clear();
+        }
         self.rows_out = 0;
     }
 
     /// Takes a row of candidate planes, px, with the recalled disparities in plane 0, and the
-    /// columns of it that the reference camera saw. Returns whether this completes a line, which is then [`RecallRefiner::line_q4`].
-    pub fn push(&mut self, mut candidates_px: &[i16], valid: Range<usize>) -> bool {
-        self.valid.push(valid);
+    /// columns of it and the positions of the other view's row that the cameras saw. Returns whether this completes a line, which is then [`RecallRefiner::line_q4`].
+    pub fn push(&mut self, mut candidates_px: &[i16], valid: [Range<usize>; 2]) -> bool {
+        for (runs, run) in self.valid.iter_mut().zip(valid) {
+            runs.push(run);
+        }
         copy_common(self.line, candidates_px);
         let is_complete = self.stages.push(self.line, &mut candidates_px);
         if is_complete {
@@ -133,11 +146,15 @@ impl<'m> RecallRefiner<'m> {
     }
 
     fn write_line(&mut self) {
-        fill_outside(self.line, &self.valid.row(self.rows_out), INVALID);
+        let [valid, other_valid] = self.valid.each_ref().map(|runs| runs.row(self.rows_out));
+        fill_outside(self.line, &valid, INVALID);
         self.rows_out += 1;
         for (disparity, confidence) in self.line.iter_mut().zip(&mut *self.confidences) {
             *confidence = if *disparity == INVALID { 0 } else { u8::MAX };
             *disparity = px_to_q4(*disparity);
         }
+        let disparities = self.disparities;
+        self.matches
+            .doubt_unseen(self.line, self.confidences, 0, disparities, &other_valid);
     }
 }

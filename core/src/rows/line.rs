@@ -125,39 +125,6 @@ impl Line for ColourRows<'_> {
     }
 }
 
-/// A line of which the camera saw some columns only, as a view has that was rectified before.
-#[derive(Debug, Clone)]
-pub struct PartlyValid<L> {
-    /// The line.
-    pub line: L,
-    /// The columns that the camera saw.
-    pub valid_columns: Range<usize>,
-}
-
-impl<L: Line> Line for PartlyValid<L> {
-    fn width(&self) -> usize {
-        self.line.width()
-    }
-
-    fn valid_columns(&self) -> Range<usize> {
-        self.valid_columns.clone()
-    }
-
-    fn has_colour(&self) -> bool {
-        self.line.has_colour()
-    }
-
-    #[inline]
-    fn write_grey(&self, row: &mut [u8]) {
-        self.line.write_grey(row);
-    }
-
-    #[inline]
-    fn write_channel(&self, channel: usize, row: &mut [u8]) {
-        self.line.write_channel(channel, row);
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -216,12 +216,12 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         self.confidences
     }
 
-    /// Positions of the row last completed that the reference camera saw.
+    /// Positions of the row last completed that the reference camera saw, and of the other view's row
+    /// that the other camera saw, each in the stored order of its view.
     #[must_use]
-    pub fn valid(&self) -> Range<usize> {
-        self.views
-            .reference
-            .valid(self.rows_out().saturating_sub(1))
+    pub fn valid(&self) -> [Range<usize>; 2] {
+        let line = self.rows_out().saturating_sub(1);
+        [&self.views.reference, &self.views.other].map(|view| view.valid(line))
     }
 
     /// Channels of the reference view, for the refinement.

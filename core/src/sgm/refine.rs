@@ -11,7 +11,8 @@ use crate::config::{Config, ConfigError, Output, SgmParameters};
 use crate::disparity::{INVALID, Reference, px_to_q4};
 use crate::kernel::Kernels;
 use crate::rows::{
-    Arena, Part, Parts, Ring, RowStage, Strip, Then, ValidRuns, copy_common, fill_outside, words,
+    Arena, MatchPositions, Part, Parts, Ring, RowStage, Strip, Then, ValidRuns, copy_common,
+    fill_outside, words,
 };
 
 /// The stages in order. The parameters may leave a stage out; with the weighted median, the second
@@ -31,8 +32,8 @@ pub struct SgmRefiner<'m, K> {
     row: &'m mut [i16],
     /// Confidences of the rows that are in the stages.
     confidences: Ring<'m, u8>,
-    /// What the reference camera saw of them.
-    valid: ValidRuns<'m>,
+    /// What the cameras saw of them: that of the reference view, and the other one.
+    valid: [ValidRuns<'m>; 2],
     line_q4: &'m mut [i16],
     line_confidences: &'m mut [u8],
     config: Config,
@@ -68,7 +69,7 @@ impl SgmRefiner<'_, ()> {
     /// | region vote, reach `(x, y)` | `4 W (2 y + 1) + 4 W + 2 D` |
     /// | each median of 3 x 3 | `6 W + 12` |
     /// | weighted median of `p` taps, reach `(x, y)` | `2 (W + 2 x) (2 y + 1) + 17 p` |
-    /// | output, of stages `l` lines late | `2 W + (W + 4) (l + 1) + 3 w` |
+    /// | output, of stages `l` lines late | `2 W + (W + 8) (l + 1) + 3 w` |
     pub(crate) const fn parts(config: &Config, sgm: &SgmParameters) -> Parts {
         let width = config.width as usize;
         let columns = config.region.width as usize;
@@ -76,7 +77,7 @@ impl SgmRefiner<'_, ()> {
         let rows = stages.latency_lines() as usize + 1;
         let output = words(width, size_of::<i16>())
             + Ring::<u8>::words(width, 0, rows)
-            + ValidRuns::words(rows)
+            + 2 * ValidRuns::words(rows)
             + words(columns, size_of::<i16>())
             + words(columns, 1);
         stages.and(Part::memory("output", output))
@@ -131,7 +132,10 @@ impl<'m, K: Kernels> SgmRefiner<'m, K> {
             ),
             row: arena.take(width)?,
             confidences: Ring::new(width, 0, latency as usize + 1, 0, arena)?,
-            valid: ValidRuns::new(latency as usize + 1, arena)?,
+            valid: [
+                ValidRuns::new(latency as usize + 1, arena)?,
+                ValidRuns::new(latency as usize + 1, arena)?,
+            ],
             line_q4: arena.take(columns)?,
             line_confidences: arena.take(columns)?,
             config: *config,
@@ -143,23 +147,27 @@ impl<'m, K: Kernels> SgmRefiner<'m, K> {
     pub fn reset(&mut self) {
         RowStage::<Surroundings<'_, '_, '_>>::reset(&mut self.stages);
         self.confidences.clear();
-        self.valid.clear();
+        for runs in &mut self.valid {
+            runs.clear();
+        }
         self.rows_out = 0;
     }
 
     /// Takes a row as [`RowCheck::write`](super::RowCheck::write) writes it, in stored order, and
-    /// the positions of it that the reference camera saw. `channels` are the reference view's, with all lines that
+    /// the positions of it and of the other view's row that the cameras saw. `channels` are the reference view's, with all lines that
     /// [`SgmPlan::refinement_view`](super::SgmPlan::refinement_view) keeps. Returns whether this
     /// completes a line, which is then [`SgmRefiner::line_q4`].
     pub fn push(
         &mut self,
         found: &[i16],
         confidences: &[u8],
-        valid: Range<usize>,
+        valid: [Range<usize>; 2],
         channels: &[Strip<'_>],
     ) -> bool {
         self.confidences.push_copy(confidences);
-        self.valid.push(valid);
+        for (runs, run) in self.valid.iter_mut().zip(valid) {
+            runs.push(run);
+        }
         copy_common(self.row, found);
         let mut around = Surroundings {
             channels,
@@ -195,9 +203,18 @@ impl<'m, K: Kernels> SgmRefiner<'m, K> {
     /// Crops the completed row to what the camera saw and to the region, in the order of columns,
     /// and adds the lowest disparity. Always returns true.
     fn write_line(&mut self) -> bool {
-        fill_outside(self.row, &self.valid.row(self.rows_out), INVALID);
+        let [valid, other_valid] = self.valid.each_ref().map(|runs| runs.row(self.rows_out));
+        fill_outside(self.row, &valid, INVALID);
         let row = &*self.row;
-        let confidences = self.confidences.row(self.rows_out);
+        let confidences = self.confidences.row_mut(self.rows_out);
+        let disparities = self.config.disparities;
+        let minimum_q4 = px_to_q4(disparities.minimum_px);
+        // The stored orders of the views run against each other.
+        MatchPositions {
+            first: i32::from(self.config.width) - 1,
+            step: -1,
+        }
+        .doubt_unseen(row, confidences, minimum_q4, disparities, &other_valid);
         self.rows_out += 1;
         let region = &self.config.region;
         let (start, count) = (usize::from(region.x), usize::from(region.width));
@@ -219,7 +236,6 @@ impl<'m, K: Kernels> SgmRefiner<'m, K> {
             self.line_confidences.reverse();
         }
         let is_sparse = self.config.output == Output::Sparse;
-        let minimum_q4 = px_to_q4(self.config.disparities.minimum_px);
         for (disparity_q4, confidence) in self
             .line_q4
             .iter_mut()

@@ -122,6 +122,17 @@ impl Camera {
             ..*self
         })
     }
+
+    /// The camera that delivers a window of its picture, from this column and line on. The size of the
+    /// window is not known.
+    #[must_use]
+    pub fn cropped(&self, [x, y]: [u16; 2]) -> Self {
+        Self {
+            principal_px: self.principal_px - DVec2::new(x.into(), y.into()),
+            size: None,
+            ..*self
+        }
+    }
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! The syntax of calibration files: YAML, XML, JSON and npy become one tree, whose numbers are
+//! The syntax of calibration files: YAML, XML, JSON, TOML and npy become one tree, whose numbers are
 //! finite and counted when they are read.
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
@@ -39,7 +39,11 @@ impl Document {
         } else {
             std::str::from_utf8(bytes)
                 .map_err(|_| anyhow!("neither text nor npy"))
-                .and_then(parse_text)
+                .and_then(if name.ends_with(".toml") {
+                    parse_toml
+                } else {
+                    parse_text
+                })
         };
         let root = root.with_context(|| format!("cannot read {name}"))?;
         ensure!(
@@ -237,6 +241,10 @@ fn collect(value: &Value, numbers: &mut Vec<f64>) -> Result<(), String> {
         Value::Null => Err("has nothing, or no number, where a finite number belongs".to_owned()),
         Value::Bool(_) => Err("has a truth value where a finite number belongs".to_owned()),
     }
+}
+
+fn parse_toml(text: &str) -> Result<Value> {
+    toml::from_str(text).map_err(|error| anyhow!("{}", error.message()))
 }
 
 fn parse_text(text: &str) -> Result<Value> {

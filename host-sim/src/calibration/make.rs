@@ -23,7 +23,9 @@ pub struct Options {
     pub projections: Option<[[f64; 12]; 2]>,
     /// Millimetres in the unit of the files' translation; `None`: as the format has it.
     pub unit_mm: Option<f64>,
-    /// Pixels that the camera joins in each direction, against the files.
+    /// Column and line of the files' picture at which those that the cameras deliver begin.
+    pub cropped: Option<[u16; 2]>,
+    /// Pixels that the camera joins in each direction, against the files; of the cropped picture.
     pub binned: Option<u16>,
 }
 
@@ -48,6 +50,9 @@ pub fn rectify(files: &[(String, Vec<u8>)], options: &Options) -> Result<Rectifi
     let mut calibration = read(files)?;
     let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
     let names = names.join(", ");
+    if let Some(corner) = options.cropped {
+        calibration = calibration.cropped(corner);
+    }
     if let Some(factor) = options.binned {
         calibration = calibration.binned(factor).context("--binned")?;
     }

@@ -28,6 +28,6 @@ pub use check::checked;
 pub use lens::{Lens, Model};
 pub use make::{Options, Rectified, rectify};
 pub use maps::{ERROR_MAX_PX, Maps};
-pub use read::read;
+pub use read::{projections, read};
 pub use rectified::{Keep, RectifiedPair};
 pub use stereo::{StereoCalibration, StoredRectification};

@@ -63,6 +63,22 @@ pub fn read(files: &[(String, Vec<u8>)]) -> Result<StereoCalibration> {
     }
 }
 
+/// Reads the projections of the left and the right rectified view, 3 by 4 and row-major, from the
+/// entries `P1` and `P2` of a file or of its entry `rectified`; `None` if there are none.
+///
+/// # Errors
+/// Fails with one line that names the file and the reason.
+pub fn projections(name: &str, bytes: &[u8]) -> Result<Option<[[f64; 12]; 2]>> {
+    let document = Document::parse(name, bytes)?;
+    let root = document.root();
+    for entry in root.get("rectified").into_iter().chain([root]) {
+        if let (Some(left), Some(right)) = (entry.get("P1"), entry.get("P2")) {
+            return Ok(Some([left.numbers()?, right.numbers()?]));
+        }
+    }
+    Ok(None)
+}
+
 /// Two files, that of the left camera first if their names tell.
 fn left_first<'a>(first: &'a Document, second: &'a Document) -> [&'a Document; 2] {
     if first.side() == Some(1) && second.side() == Some(0) {

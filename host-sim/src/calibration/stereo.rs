@@ -119,6 +119,15 @@ impl StereoCalibration {
         Ok(self)
     }
 
+    /// The calibration of cameras that deliver a window of their pictures, from this column and line
+    /// on. A stored rectification is not kept: its views are those of whole pictures.
+    #[must_use]
+    pub fn cropped(mut self, corner: [u16; 2]) -> Self {
+        self.cameras = self.cameras.map(|camera| camera.cropped(corner));
+        self.stored = None;
+        self
+    }
+
     /// The calibration with the cameras exchanged.
     #[must_use]
     pub fn exchanged(mut self) -> Self {

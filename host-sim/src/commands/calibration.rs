@@ -1,15 +1,15 @@
 //! `vgstereo calibration`: makes the rectification of a pair of cameras from its calibration files.
 
 use std::fmt::Write;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::Args;
 use vgstereo_core::geometry::Rectifier;
 
-use crate::calibration::{ERROR_MAX_PX, Keep, Options, Rectified, rectify};
-use crate::files::{ensure_distinct_outputs, write_files};
+use crate::arguments::{RectifiedViews, parse_size};
+use crate::calibration::{ERROR_MAX_PX, Rectified, rectify};
+use crate::files::{ensure_distinct_outputs, read_all, write_files};
 use crate::tables::kib;
 
 /// The arguments of `vgstereo calibration`.
@@ -27,20 +27,8 @@ pub struct Calibration {
     /// Size of the raw views, px [default: as the files state].
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<[u16; 2]>,
-    /// Size of the rectified views, px [default: that of the raw views].
-    #[arg(long, value_name = "WxH", value_parser = parse_size)]
-    view_size: Option<[u16; 2]>,
-    /// What the rectified views show: `all` that the cameras see, only `valid` pixels, or the part
-    /// X,Y,WxH of the views [default: as the files' own rectification, or else `valid`].
-    #[arg(long, value_name = "KEEP", value_parser = parse_keep)]
-    keep: Option<Keep>,
-    /// Unit of the files' translation: mm, cm, m, or millimetres as a number, such as the side of
-    /// the board's squares.
-    #[arg(long, value_name = "UNIT", value_parser = parse_unit)]
-    unit: Option<f64>,
-    /// The camera joins N by N pixels of those that the files are of.
-    #[arg(long, value_name = "N")]
-    binned: Option<u16>,
+    #[command(flatten)]
+    views: RectifiedViews,
     /// Rectification to write, for a device.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -55,30 +43,12 @@ impl Calibration {
     /// # Errors
     /// Fails with one line that names the file or option and the reason. Nothing is written then.
     pub fn run(self) -> Result<String> {
-        let files = self
-            .files
-            .iter()
-            .map(|path| {
-                let bytes =
-                    fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-                Ok((path.display().to_string(), bytes))
-            })
-            .collect::<Result<Vec<_>>>()?;
         let inputs: Vec<&Path> = self.files.iter().map(PathBuf::as_path).collect();
+        let inputs = [inputs, self.views.files()].concat();
         let outputs = self.out.iter().chain(&self.rust);
         let outputs: Vec<&Path> = outputs.map(PathBuf::as_path).collect();
         ensure_distinct_outputs(&inputs, &outputs).context("--out, --rust")?;
-        let made = rectify(
-            &files,
-            &Options {
-                size: self.size,
-                view_size: self.view_size,
-                keep: self.keep,
-                projections: None,
-                unit_mm: self.unit,
-                binned: self.binned,
-            },
-        )?;
+        let made = rectify(&read_all(&self.files)?, &self.views.options(self.size)?)?;
         let mut text = summary(&made)?;
         let mut written: Vec<(&Path, Vec<u8>)> = Vec::new();
         if let Some(path) = &self.out {
@@ -193,46 +163,10 @@ fn rust_source(bytes: &[u8]) -> String {
     source
 }
 
-fn parse_size(text: &str) -> Result<[u16; 2], String> {
-    let sides = text.split_once('x').and_then(|(width, height)| {
-        let sides = [width.parse().ok()?, height.parse().ok()?];
-        (sides.iter().all(|side| (1..=4096).contains(side))).then_some(sides)
-    });
-    sides.ok_or_else(|| "a size is WIDTHxHEIGHT from 1 to 4096 px, such as 640x480".to_owned())
-}
-
-fn parse_keep(text: &str) -> Result<Keep, String> {
-    let crop = || {
-        let mut parts = text.splitn(3, ',');
-        let (x, y) = (parts.next()?.parse().ok()?, parts.next()?.parse().ok()?);
-        let [width, height] = parse_size(parts.next()?).ok()?;
-        Some(Keep::Crop([x, y, width, height]))
-    };
-    match text {
-        "all" => Ok(Keep::All),
-        "valid" => Ok(Keep::Valid),
-        _ => crop().ok_or_else(|| {
-            "it is all, valid, or X,Y,WIDTHxHEIGHT, such as 40,30,560x420".to_owned()
-        }),
-    }
-}
-
-fn parse_unit(text: &str) -> Result<f64, String> {
-    match text {
-        "mm" => Ok(1.0),
-        "cm" => Ok(10.0),
-        "m" => Ok(1000.0),
-        _ => text
-            .parse()
-            .ok()
-            .filter(|&mm: &f64| (1e-3..=1e6).contains(&mm))
-            .ok_or_else(|| "a unit is mm, cm, m, or a number of millimetres above 0".to_owned()),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     #[test]
     fn the_rust_source_compiles_to_the_bytes() {
@@ -249,22 +183,5 @@ mod tests {
             .args(["--edition", "2024", "-D", "warnings", "-o"])
             .args([&program, &file])));
         assert!(run(&mut std::process::Command::new(&program)));
-    }
-
-    #[test]
-    fn options_are_understood_or_refused() {
-        assert_eq!(parse_size("640x480"), Ok([640, 480]));
-        assert!(parse_size("640").is_err() && parse_size("0x480").is_err());
-        assert_eq!(parse_keep("valid"), Ok(Keep::Valid));
-        assert_eq!(
-            parse_keep("40,30,560x420"),
-            Ok(Keep::Crop([40, 30, 560, 420]))
-        );
-        assert!(parse_keep("most").is_err() && parse_keep("1,2,3").is_err());
-        assert_eq!(parse_unit("cm"), Ok(10.0));
-        assert_eq!(parse_unit("25.4"), Ok(25.4));
-        assert!(
-            parse_unit("0").is_err() && parse_unit("inf").is_err() && parse_unit("ft").is_err()
-        );
     }
 }

@@ -1,22 +1,27 @@
-//! `vgstereo match`: matches a rectified pair of images and writes the disparity map.
+//! `vgstereo match`: matches a pair of images, rectified before or by a calibration, and writes maps
+//! of disparity and depth.
 
 use std::fmt::Write;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use image::ImageFormat;
+use vgstereo_core::geometry::{Depth, Rectification};
 use vgstereo_core::{Config, DisparityRange, Preset, Reference};
 use vgstereo_kernels::NativeKernels;
 
-use crate::arguments::{Overrides, name_of, output_of, parse_preset};
-use crate::disparity_files::DisparityFormat;
-use crate::files::{encode, ensure_distinct_outputs, write_files};
+use crate::arguments::{Overrides, RectifiedViews, name_of, output_of, parse_preset};
+use crate::calibration::{Rectified, rectify};
+use crate::depth_files::DepthFormat;
+use crate::disparity_files::{DisparityFormat, grey_png};
+use crate::files::{encode, ensure_distinct_outputs, make_folder, read_all, write_files};
 use crate::frame::match_frame;
 use crate::images::{ImageFile, ViewImages, bits_note, parse_bits};
 use crate::pair_check::hints;
 use crate::pictures::colour_disparities;
+use crate::rectify::rectified;
 use crate::tables::{kib, milliseconds};
 use crate::terminal::{Said, write_output};
 use crate::views::Views;
@@ -28,10 +33,12 @@ const DEFAULT_D_MAX: u16 = 63;
 #[derive(Debug, Args)]
 #[command(
     after_help = "Left column x matches right column x - d. The map is of the reference view.\n\n\
-    Example: vgstereo match left.png right.png --out disparity.png --d-max 59 --colour colour.png"
+    A rectified pair:    vgstereo match left.png right.png --out disparity.png --d-max 59 --colour colour.png\n\
+    Two cameras as are:  vgstereo match left.png right.png --calibration intrinsics.yml extrinsics.yml \\\n\
+    \x20                    --unit mm --out disparity.png --depth depth.png"
 )]
 pub struct Match {
-    /// Left image, rectified: PNG, JPEG, TIFF, WebP, BMP, PGM or PPM, in colour or grey; - reads
+    /// Left image, rectified unless --calibration is given: PNG, JPEG, TIFF, WebP, BMP, PGM or PPM, in colour or grey; - reads
     /// standard input.
     left: PathBuf,
     /// Right image, of the same size; where one of the two is grey, grey is matched.
@@ -66,6 +73,42 @@ pub struct Match {
     /// Also write the map in colours, as PNG.
     #[arg(long, alias = "color", value_name = "FILE")]
     colour: Option<PathBuf>,
+    /// Also write the depth along the optical axis: .png (mm, 16 bits, 0 = none) or .pfm (m, NaN = none);
+    /// needs --calibration, or --focal and --baseline.
+    #[arg(long, value_name = "FILE")]
+    depth: Option<PathBuf>,
+    /// Also write the confidence of each disparity, as PNG: 1 to 255, 0 where it was filled in or there
+    /// is none.
+    #[arg(long, value_name = "FILE")]
+    confidence: Option<PathBuf>,
+    /// Calibration of the cameras: the files that `vgstereo calibration` reads, or one that it wrote.
+    /// The images are then taken as the cameras gave them, and rectified first.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    calibration: Vec<PathBuf>,
+    /// Also write the rectified views into this folder, as left.png and right.png.
+    #[arg(long, value_name = "DIR", requires = "calibration")]
+    rectified: Option<PathBuf>,
+    /// Focal length of a rectified pair, px.
+    #[arg(
+        long,
+        value_name = "PX",
+        requires = "baseline",
+        conflicts_with = "calibration"
+    )]
+    focal: Option<f64>,
+    /// Distance between the cameras of a rectified pair, mm.
+    #[arg(long, value_name = "MM", requires = "focal")]
+    baseline: Option<f64>,
+    /// Column of the right camera's principal point less that of the left one's, px, as Middlebury's
+    /// calib.txt has it.
+    #[arg(
+        long,
+        value_name = "PX",
+        default_value_t = 0.0,
+        requires = "focal",
+        allow_negative_numbers = true
+    )]
+    doffs: f64,
     /// Match the grey of colour images.
     #[arg(long)]
     grey: bool,
@@ -85,6 +128,8 @@ pub struct Match {
     #[arg(long, value_name = "N", default_value = "1")]
     threads: NonZeroUsize,
     #[command(flatten)]
+    views: RectifiedViews,
+    #[command(flatten)]
     overrides: Overrides,
 }
 
@@ -101,7 +146,7 @@ impl Match {
     /// Fails with one line that names the file or option and the reason. Nothing is written
     /// then.
     pub fn run(self) -> Result<Said> {
-        if let Some(path) = &self.colour {
+        for path in self.colour.iter().chain(&self.confidence) {
             let png = path
                 .extension()
                 .is_some_and(|e| e.eq_ignore_ascii_case("png"));
@@ -110,13 +155,26 @@ impl Match {
         let standard = Path::new("-");
         let mut inputs = vec![self.left.as_path(), &self.right];
         inputs.extend(self.overrides.config.as_deref());
+        inputs.extend(self.calibration.iter().map(PathBuf::as_path));
+        inputs.extend(self.views.files());
+        let pictures = self.rectified.iter();
+        let pictures =
+            pictures.flat_map(|folder| ["left.png", "right.png"].map(|n| folder.join(n)));
+        let pictures: Vec<PathBuf> = pictures.collect();
         let mut outputs = vec![self.out.as_path()];
-        outputs.extend(self.colour.as_deref());
+        let others = [&self.colour, &self.depth, &self.confidence];
+        outputs.extend(
+            others
+                .into_iter()
+                .flatten()
+                .chain(&pictures)
+                .map(PathBuf::as_path),
+        );
         // `-` is standard input or output.
         for paths in [&mut inputs, &mut outputs] {
             paths.retain(|path| *path != standard);
         }
-        ensure_distinct_outputs(&inputs, &outputs).context("--out, --colour")?;
+        ensure_distinct_outputs(&inputs, &outputs).context("outputs")?;
         ensure!(
             self.left != standard || self.right != standard,
             "standard input has one image: give the other by its name"
@@ -124,8 +182,17 @@ impl Match {
         // What can be refused is, before anything is decoded.
         let left = ImageFile::open(&self.left)?;
         let right = ImageFile::open(&self.right)?;
-        let (width, height) = left.dimensions();
+        let cameras = Cameras::of(&self, left.dimensions())?;
+        let rectification = cameras.rectification()?;
+        let (width, height) = match &rectification {
+            Some(r) => (u32::from(r.width), u32::from(r.height)),
+            None => left.dimensions(),
+        };
         let width = u16::try_from(width)?;
+        let depth = match &self.depth {
+            Some(path) => Some((path, DepthFormat::choose(path)?, self.depth(&cameras)?)),
+            None => None,
+        };
         let disparities = self.disparities(width)?;
         let format = DisparityFormat::choose(&self.out, self.scale, disparities)?;
         let parameters = self.overrides.apply(self.preset)?;
@@ -140,8 +207,11 @@ impl Match {
         config.validate()?;
         let images = ViewImages::decode(&left, &right, self.bits)?;
         drop((left, right));
-        let views = Views::new(images.left, images.right, self.grey)
+        let mut views = Views::new(images.left, images.right, self.grey)
             .with_context(|| self.left.display().to_string())?;
+        if let Some(rectification) = &rectification {
+            views = rectified(&views, rectification)?;
+        }
         let config = Config {
             colour: views.has_colour(),
             ..config
@@ -159,6 +229,22 @@ impl Match {
         if let Some(path) = self.colour.as_deref() {
             let picture = colour_disparities(map, width.into(), disparities);
             files.push((path, encode(&picture.into(), ImageFormat::Png)?));
+        }
+        if let Some((path, format, depth)) = &depth {
+            files.push((path.as_path(), format.encode(map, width, depth)?));
+        }
+        if let Some(path) = self.confidence.as_deref() {
+            let meaning = "1 to 255, 0 = filled in or none".to_owned();
+            let size = [width.into(), height];
+            let png = grey_png(&matched.confidences, size, false, "Confidence", meaning)?;
+            files.push((path, png));
+        }
+        for (view, path) in pictures.iter().enumerate() {
+            let picture = views.picture(view)?;
+            files.push((path, encode(&picture.into(), ImageFormat::Png)?));
+        }
+        if let Some(folder) = &self.rectified {
+            make_folder(folder)?;
         }
         if to_stdout {
             write_files(&files)?;
@@ -181,6 +267,7 @@ impl Match {
         if let Some(bits) = images.bits {
             writeln!(text, "{}", bits_note(bits))?;
         }
+        text.push_str(&cameras.told()?);
         let found = matched.confidences.iter().filter(|&&c| c > 0).count();
         let percent = found * 100 / matched.confidences.len().max(1);
         let rest = if self.sparse {
@@ -195,13 +282,43 @@ impl Match {
             }
         }
         writeln!(text, "wrote {}: {}", self.out.display(), format.meaning())?;
-        if let Some(path) = &self.colour {
+        if let Some((path, format, _)) = &depth {
+            writeln!(text, "wrote {}: {}", path.display(), format.meaning())?;
+        }
+        let others = self.colour.iter().chain(&self.confidence);
+        for path in others.chain(&pictures) {
             writeln!(text, "wrote {}", path.display())?;
         }
         Ok(if to_stdout {
             Said::Aside(text)
         } else {
             Said::Output(text)
+        })
+    }
+
+    /// Returns the conversion of disparities to depth.
+    fn depth(&self, cameras: &Cameras) -> Result<Depth> {
+        if let Some(rectification) = cameras.rectification()? {
+            return rectification.depth.with_context(|| {
+                let warnings = cameras.warnings().iter();
+                let warnings: String = warnings.map(|warning| format!("; {warning}")).collect();
+                format!(
+                    "--depth: the unit of the calibration's baseline is not known: give it with --unit{warnings}"
+                )
+            });
+        }
+        let (Some(focal_px), Some(baseline_mm)) = (self.focal, self.baseline) else {
+            bail!("--depth needs --calibration, or --focal and --baseline");
+        };
+        // Casts saturate, and what is out of range is refused.
+        let numerator_q8 = (focal_px * baseline_mm * 256.0).round() as u32;
+        let offset_q8 = (self.doffs * 256.0).round() as i32;
+        Depth::new(numerator_q8, offset_q8).with_context(|| {
+            format!(
+                "--focal {focal_px}, --baseline {baseline_mm}, --doffs {}: their product must be above 0 \
+                 and at most 8388 m px, and doffs within 4096 px",
+                self.doffs
+            )
         })
     }
 
@@ -232,5 +349,83 @@ impl Match {
             "disparities from {minimum} to {d_max} do not fit a width of {width} px (2047 px at most)"
         );
         Ok(range)
+    }
+}
+
+/// What is known of the cameras: nothing, or their rectification and what it was made from.
+enum Cameras {
+    Unknown,
+    Stored(Vec<u8>),
+    Calibrated(Box<Rectified>),
+}
+
+impl Cameras {
+    /// Reads the files of `--calibration`, for images of this size.
+    fn of(arguments: &Match, (width, height): (u32, u32)) -> Result<Self> {
+        let files = read_all(&arguments.calibration)?;
+        match files.as_slice() {
+            [] => {
+                let defaults = RectifiedViews::default();
+                ensure!(
+                    arguments.views == defaults,
+                    "--view-size, --keep, --projection, --unit, --cropped and --binned need --calibration"
+                );
+                Ok(Self::Unknown)
+            }
+            [(name, bytes)] if bytes.starts_with(b"VGRF") => {
+                ensure!(
+                    arguments.views == RectifiedViews::default(),
+                    "{name} is made already: give --view-size, --keep and the like to vgstereo calibration"
+                );
+                Rectification::from_bytes(bytes).with_context(|| name.clone())?;
+                Ok(Self::Stored(bytes.clone()))
+            }
+            files => {
+                let size = [u16::try_from(width)?, u16::try_from(height)?];
+                let made = rectify(files, &arguments.views.options(Some(size))?)?;
+                Ok(Self::Calibrated(Box::new(made)))
+            }
+        }
+    }
+
+    fn rectification(&self) -> Result<Option<Rectification<'_>>> {
+        Ok(match self {
+            Self::Unknown => None,
+            Self::Stored(bytes) => Some(Rectification::from_bytes(bytes)?),
+            Self::Calibrated(made) => Some(made.maps.rectification()?),
+        })
+    }
+
+    /// What is told of the cameras: nothing if they are unknown.
+    fn told(&self) -> Result<String> {
+        let Some(r) = self.rectification()? else {
+            return Ok(String::new());
+        };
+        let focal_px = f64::from(r.focal_q8) / 256.0;
+        let baseline = r.depth.map_or_else(
+            || "baseline unknown".to_owned(),
+            |depth| {
+                let baseline_mm = f64::from(depth.numerator_q8()) / f64::from(r.focal_q8);
+                format!("baseline {baseline_mm:.1} mm")
+            },
+        );
+        let mut text = format!(
+            "rectified from {}x{} px: focal length {focal_px:.1} px, {baseline}; {} and {} raw lines are kept\n",
+            r.raw_width,
+            r.raw_height,
+            r.left.kept_lines(),
+            r.right.kept_lines()
+        );
+        for warning in self.warnings() {
+            writeln!(text, "warning: {warning}")?;
+        }
+        Ok(text)
+    }
+
+    fn warnings(&self) -> &[String] {
+        match self {
+            Self::Calibrated(made) => &made.calibration.warnings,
+            Self::Unknown | Self::Stored(_) => &[],
+        }
     }
 }

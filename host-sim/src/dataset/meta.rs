@@ -6,12 +6,16 @@ use serde::{Deserialize, Serialize};
 use super::truth::SCALE_RANGE;
 
 /// The keys of a scene's `meta.toml` that are read. Others are ignored.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Meta {
     /// The largest disparity to search, px.
     pub d_max: u16,
     /// The steps per px of ground truth in a PNG, in [`SCALE_RANGE`].
     pub gt_scale: Option<f32>,
+    /// Calibration files in the scene's folder, of a pair that is not rectified: see
+    /// [`load_calibrated`](super::load_calibrated).
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub calibration_files: Vec<String>,
 }
 
 impl Meta {

@@ -1,5 +1,6 @@
 //! Scenes on disk. Each has a folder in the layout of the Middlebury pairs.
 
+use std::cell::Cell;
 use std::fmt::Display;
 use std::fs;
 use std::path::{Component, Path, PathBuf};
@@ -7,7 +8,8 @@ use std::path::{Component, Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma};
 
-use crate::files::{encode, make_folder, write_files};
+use crate::calibration::{Options, Rectified, projections, rectify};
+use crate::files::{encode, make_folder, read_all, write_files};
 use crate::images::{ImageFile, ViewImages};
 use crate::scene::{GroundTruth, Mask, Scene};
 
@@ -136,18 +138,84 @@ pub fn load_scene(folder: &Path) -> Result<Scene> {
 /// # Errors
 /// Fails with one line that names the file and the reason.
 pub fn load_scene_with(folder: &Path, bits: Option<u8>) -> Result<Scene> {
+    let meta = read_meta(folder)?;
+    let views = read_views(folder, bits)?;
+    let (truth, _) = read_truth(folder, &meta, Some(views.left.dimensions()))?;
+    Ok(scene(folder, &meta, views, truth))
+}
+
+/// Loads a scene whose views are as the cameras gave them, and the rectification that its truth is
+/// for. `meta.toml` names the `calibration_files` of the folder, and may have the projections `P1` and
+/// `P2` in a table `rectified`. Otherwise as [`load_scene_with`].
+///
+/// # Errors
+/// Fails with one line that names the file and the reason.
+pub fn load_calibrated(folder: &Path, bits: Option<u8>) -> Result<(Scene, Rectified)> {
+    let meta = read_meta(folder)?;
+    let meta_path = folder.join("meta.toml");
+    ensure!(
+        !meta.calibration_files.is_empty(),
+        "{}: there are no calibration_files",
+        meta_path.display()
+    );
+    let views = read_views(folder, bits)?;
+    let (truth, (width, height)) = read_truth(folder, &meta, None)?;
+    let paths = meta.calibration_files.iter().map(|file| folder.join(file));
+    let files = read_all(&paths.collect::<Vec<_>>())?;
+    let side = |px: u32| u16::try_from(px).context("a view is too large");
+    let (raw_width, raw_height) = views.left.dimensions();
+    let options = Options {
+        size: Some([side(raw_width)?, side(raw_height)?]),
+        view_size: Some([side(width)?, side(height)?]),
+        projections: projections(&meta_path.display().to_string(), &read(&meta_path)?)?,
+        ..Options::default()
+    };
+    let made = rectify(&files, &options)?;
+    Ok((scene(folder, &meta, views, truth), made))
+}
+
+fn read_meta(folder: &Path) -> Result<Meta> {
+    let path = folder.join("meta.toml");
+    let text =
+        fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
+    Meta::parse(&text, &path.display().to_string())
+}
+
+fn read_views(folder: &Path, bits: Option<u8>) -> Result<ViewImages> {
+    let [left, right] = ["left.png", "right.png"].map(|file| ImageFile::open(&folder.join(file)));
+    ViewImages::decode(&left?, &right?, bits)
+}
+
+fn scene(folder: &Path, meta: &Meta, views: ViewImages, truth: GroundTruth) -> Scene {
     let name = folder.file_name().map_or_else(
         || folder.display().to_string(),
         |n| n.to_string_lossy().into_owned(),
     );
-    let meta_path = folder.join("meta.toml");
-    let text = fs::read_to_string(&meta_path)
-        .with_context(|| format!("cannot read {}", meta_path.display()))?;
-    let meta = Meta::parse(&text, &meta_path.display().to_string())?;
-    let views = ["left.png", "right.png"].map(|file| ImageFile::open(&folder.join(file)));
-    let [left, right] = views;
-    let views = ViewImages::decode(&left?, &right?, bits)?;
-    let size = views.left.dimensions();
+    Scene {
+        name,
+        left: views.left,
+        right: views.right,
+        bits: views.bits,
+        d_max: meta.d_max,
+        truth: Some(truth),
+    }
+}
+
+/// Reads the truth and the masks of a scene, which must be of this size if one is given, and otherwise
+/// of one size; and that size, px.
+fn read_truth(
+    folder: &Path,
+    meta: &Meta,
+    size: Option<(u32, u32)>,
+) -> Result<(GroundTruth, (u32, u32))> {
+    let size = Cell::new(size);
+    let ensure_size = |path: &Path, found| match size.get() {
+        Some(size) => ensure_size(path, found, size),
+        None => {
+            size.set(Some(found));
+            Ok(())
+        }
+    };
     let truth = |view: &str| -> Result<Option<Vec<f32>>> {
         for extension in ["png", "pfm"] {
             let path = folder.join(format!("gt_{view}.{extension}"));
@@ -156,10 +224,10 @@ pub fn load_scene_with(folder: &Path, bits: Option<u8>) -> Result<Scene> {
                 ensure!(
                     extension != "png" || meta.gt_scale.is_some(),
                     "{}: gt_scale is missing, the steps per px of {name}",
-                    meta_path.display()
+                    folder.join("meta.toml").display()
                 );
                 let truth = Truth::from_bytes(&read(&path)?, meta.gt_scale, &name)?;
-                ensure_size(&path, (truth.width, truth.height), size)?;
+                ensure_size(&path, (truth.width, truth.height))?;
                 return Ok(Some(truth.px));
             }
         }
@@ -171,7 +239,7 @@ pub fn load_scene_with(folder: &Path, bits: Option<u8>) -> Result<Scene> {
             return Ok(None);
         }
         let mask = StoredMask::from_bytes(&read(&path)?, &path.display().to_string())?;
-        ensure_size(&path, (mask.width, mask.height), size)?;
+        ensure_size(&path, (mask.width, mask.height))?;
         Ok(Some(mask.pixels))
     };
     let left_px = truth("left")?.with_context(|| {
@@ -191,14 +259,7 @@ pub fn load_scene_with(folder: &Path, bits: Option<u8>) -> Result<Scene> {
         let known: Vec<bool> = truth.left_px.iter().map(|px| !px.is_nan()).collect();
         truth.all = Some(known.into());
     }
-    Ok(Scene {
-        name,
-        left: views.left,
-        right: views.right,
-        bits: views.bits,
-        d_max: meta.d_max,
-        truth: Some(truth),
-    })
+    Ok((truth, size.get().unwrap_or_default()))
 }
 
 fn read(path: &Path) -> Result<Vec<u8>> {
@@ -220,6 +281,7 @@ pub fn save_scene(folder: &Path, scene: &Scene) -> Result<()> {
     let meta = Meta {
         d_max: scene.d_max,
         gt_scale: Some(gt_scale),
+        calibration_files: Vec::new(),
     };
     let disparities = |px: &[f32]| -> Result<DynamicImage> {
         // 0 is unknown, as casts make of NaN; they saturate.

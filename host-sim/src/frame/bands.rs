@@ -111,7 +111,7 @@ fn match_band(
 /// A row of candidates on its way to the refinement.
 struct Row {
     candidates_px: Vec<i16>,
-    valid: Range<usize>,
+    valid: [Range<usize>; 2],
 }
 
 impl Row {

@@ -140,7 +140,7 @@ struct FoundRow {
     line: u32,
     found: Vec<i16>,
     confidences: Vec<u8>,
-    valid: Range<usize>,
+    valid: [Range<usize>; 2],
 }
 
 /// The masks of a row on their way to the matcher, block after block.

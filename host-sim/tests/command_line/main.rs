@@ -1,5 +1,6 @@
 //! The command line as a user meets it: what it writes, and how it refuses bad input.
 
+mod calibrated;
 mod demo;
 mod eval;
 mod experiments;

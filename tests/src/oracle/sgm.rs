@@ -119,8 +119,13 @@ pub fn match_whole(pair: &Pair, config: &Config) -> (Vec<i16>, Vec<u8>) {
             }
         })
         .collect();
-    for (confidence, q4) in confidences.iter_mut().zip(&mut map_q4) {
-        if *q4 == INVALID {
+    for (i, (confidence, q4)) in confidences.iter_mut().zip(&mut map_q4).enumerate() {
+        // The match, to the nearest pixel, where halves count to the left.
+        let (x, y) = (i as i32 % reference.width, i as i32 / reference.width);
+        let match_x = (f64::from(x) - f64::from(*q4) / 16.0 - 0.5).ceil() as i32;
+        let is_seen =
+            (0..reference.width).contains(&match_x) && other.seen[other.index(match_x, y)];
+        if *q4 == INVALID || !is_seen {
             *confidence = 0;
         }
         if *confidence == 0 && config.output == Output::Sparse {

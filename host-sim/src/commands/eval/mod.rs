@@ -10,7 +10,9 @@ use serde::Serialize;
 use vgstereo_core::Preset;
 
 use crate::arguments::{Overrides, name_of, output_of, parse_preset, parse_threshold};
-use crate::dataset::{distinct_names, ensure_distinct, find_scenes, load_scene_with};
+use crate::dataset::{
+    distinct_names, ensure_distinct, find_scenes, load_calibrated, load_scene_with,
+};
 use crate::files::{encode, make_folder, write_files};
 use crate::frame::Matched;
 use crate::images::{bits_note, parse_bits};
@@ -52,6 +54,11 @@ pub struct Eval {
         conflicts_with = "seed"
     )]
     seeds: Vec<u64>,
+    /// The views are as the cameras gave them, and are rectified by the calibration files that
+    /// meta.toml names, as `match --calibration` does; its table `rectified` may have the projections
+    /// P1 and P2 that the truth is for.
+    #[arg(long)]
+    calibrated: bool,
     /// Match the grey of colour images.
     #[arg(long)]
     grey: bool,
@@ -170,12 +177,20 @@ impl Eval {
 
     /// Loads a scene, with the right view lowered as `--line-offset` says.
     fn load(&self, folder: &Path) -> Result<Prepared> {
-        let mut scene = load_scene_with(folder, self.bits)?;
+        let (mut scene, made) = if self.calibrated {
+            let (scene, made) = load_calibrated(folder, self.bits)?;
+            (scene, Some(made))
+        } else {
+            (load_scene_with(folder, self.bits)?, None)
+        };
         if self.line_offset.px != 0.0 {
             scene.right = lowered(&scene.right, self.line_offset.px);
         }
-        let prepared =
-            Prepared::new(scene, self.grey).with_context(|| folder.display().to_string())?;
+        let prepared = match &made {
+            Some(made) => Prepared::rectified(scene, self.grey, &made.maps.rectification()?),
+            None => Prepared::new(scene, self.grey),
+        };
+        let prepared = prepared.with_context(|| folder.display().to_string())?;
         if self.compare {
             ensure_has_masks(folder, &prepared)?;
         }
