@@ -23,12 +23,13 @@ pub fn rectified(raw: &Views, rectification: &Rectification<'_>) -> Result<Views
     );
     let has_colour = raw.has_colour();
     let width = usize::from(rectification.width);
+    let kernels = NativeKernels::fastest();
     let mut memory = vec![0; Rectifier::words(rectification, has_colour)];
-    let mut rectifier = Rectifier::new(*rectification, has_colour, &mut memory)?;
+    let mut rectifier = Rectifier::new(*rectification, has_colour, kernels, &mut memory)?;
     let (mut grey, mut pixels) = ([Vec::new(), Vec::new()], [Vec::new(), Vec::new()]);
     let mut valid_columns = [Vec::new(), Vec::new()];
     let mut row = vec![0; width];
-    for (left, right) in raw.lines(NativeKernels::fastest()) {
+    for (left, right) in raw.lines(kernels) {
         rectifier.push(&left, &right)?;
         while let Some(pair) = rectifier.next_pair() {
             for (view, line) in pair.iter().enumerate() {

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use glam::{DMat3, DVec2, DVec3};
 use libtest_mimic::{Arguments, Failed, Trial};
-use vgstereo_core::geometry::{Rectification, Rectifier, ViewMap};
+use vgstereo_core::geometry::{Interpolation, Rectification, Rectifier, ViewMap};
 use vgstereo_core::{Config, DisparityRange, INVALID, Output, Preset};
 use vgstereo_kernels::NativeKernels;
 use vgstereo_sim::calibration::{
@@ -256,7 +256,7 @@ fn is_rectified(folder: &Path) -> Result<()> {
         close("baseline", pair.baseline / baseline, 1.0, 1e-6)?;
     }
     // The part that is kept is valid, all but a seam.
-    let maps = Maps::new(&pair, None)?;
+    let maps = Maps::new(&pair, None, Interpolation::Bilinear)?;
     ensure!(
         maps.valid.iter().all(|&share| share > 0.99),
         "{:?}",
@@ -304,7 +304,7 @@ fn maps_are_near(folder: &Path) -> Result<()> {
     }
     // A strip of 320 columns: lines grow with the width.
     let narrow = narrowed(made.calibration, made.pair, 320)?;
-    let maps = Maps::new(&narrow, None)?;
+    let maps = Maps::new(&narrow, None, Interpolation::Bilinear)?;
     let words = Rectifier::words(&maps.rectification()?, false);
     let kib = words as f64 * 4.0 / 1024.0;
     // What a strip may take on a microcontroller with 128 KB, set before it was measured.
@@ -327,7 +327,7 @@ fn warped_pairs_are_matched(root: &Path) -> Result<()> {
         if !name.ends_with("_warped") {
             continue;
         }
-        let (scene, made) = load_calibrated(&root.join(name), None)?;
+        let (scene, made) = load_calibrated(&root.join(name), None, Interpolation::Bilinear)?;
         let mut by_opencv = scene.clone();
         for (view, side) in [
             (&mut by_opencv.left, "left"),

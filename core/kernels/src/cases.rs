@@ -14,9 +14,9 @@ use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_core::disparity::INVALID;
 use vgstereo_core::kernel::{
-    AggregateRow, ArmsRow, CELLS_PER_BYTE, CostRun, Kernels, LANES, LevelConversion, MASK_LANES,
-    MAX_CHANNELS, MAX_TAP_ROWS, MaskBlock, NO_COST, PixelFormat, Planes, RowRecall, TieBreak,
-    WeightedMedianRow, arms_scratch_bytes, cost_stride, path_scratch_bytes,
+    AggregateRow, ArmsRow, CELLS_PER_BYTE, CostRun, Interpolation, Kernels, LANES, LevelConversion,
+    MASK_LANES, MAX_CHANNELS, MAX_TAP_ROWS, MaskBlock, NO_COST, PixelFormat, Planes, ResampleRow,
+    RowRecall, TieBreak, WeightedMedianRow, arms_scratch_bytes, cost_stride, path_scratch_bytes,
 };
 
 /// A task for one kernel.
@@ -190,6 +190,78 @@ impl Case for ChannelCase {
 
     fn output(&self) -> Vec<u8> {
         self.row.clone()
+    }
+}
+
+/// Task for [`Kernels::resample_row`].
+#[derive(Debug, Clone)]
+pub struct ResampleCase {
+    pub levels: Vec<u8>,
+    pub starts: Vec<u32>,
+    pub first_line: u16,
+    pub width: usize,
+    pub knots: Vec<[i32; 2]>,
+    pub step_shift: u32,
+    pub interpolation: Interpolation,
+    pub output: Vec<u8>,
+}
+
+impl ResampleCase {
+    /// A row of `pixels` pixels from `lines` lines of `width` pixels. Most positions lie inside the
+    /// lines, and knots of most tasks are as far apart as pixels.
+    pub fn random(random: &mut Pcg32, pixels: usize, width: usize, lines: usize) -> Self {
+        let step_shift = 2 + below(random, 5) as u32;
+        let step = 1 << step_shift;
+        let unit = 64 << step_shift;
+        let first_line = below(random, 1000);
+        let scale = [1, 1, 1, 2][below(random, 4)];
+        // Slants of up to half a line per pixel.
+        let slant = below(random, 1 + unit as usize) as i32 - unit / 2;
+        let mut at = [
+            (below(random, width + 8) as i32 - 8) * unit,
+            (first_line + below(random, lines + 2)) as i32 * unit - unit,
+        ];
+        let knots = (0..pixels.div_ceil(step) + 1).map(|_| {
+            let knot = at;
+            let rough = |random: &mut Pcg32| below(random, 4 * unit as usize) as i32 - 2 * unit;
+            at = [
+                at[0] + scale * step as i32 * unit + rough(random) / 4,
+                at[1] + slant * step as i32 / 8 + rough(random) / 8,
+            ];
+            knot
+        });
+        let knots = knots.collect();
+        Self {
+            levels: levels(random, width * lines),
+            starts: (0..lines).map(|line| (line * width) as u32).collect(),
+            first_line: first_line as u16,
+            width,
+            knots,
+            step_shift,
+            interpolation: [Interpolation::Bilinear, Interpolation::Cubic][below(random, 8) / 7],
+            output: vec![1; pixels],
+        }
+    }
+}
+
+impl Case for ResampleCase {
+    type Output = Vec<u8>;
+
+    fn run(&mut self, kernels: impl Kernels) {
+        let row = ResampleRow {
+            levels: &self.levels,
+            starts: &self.starts,
+            first_line: self.first_line,
+            width: self.width,
+            knots: &self.knots,
+            step_shift: self.step_shift,
+            interpolation: self.interpolation,
+        };
+        kernels.resample_row(&row, &mut self.output);
+    }
+
+    fn output(&self) -> Vec<u8> {
+        self.output.clone()
     }
 }
 

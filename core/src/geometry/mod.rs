@@ -17,6 +17,7 @@ mod depth;
 mod rectification;
 mod rectifier;
 
+pub use crate::kernel::Interpolation;
 pub use depth::Depth;
 pub use rectification::{Rectification, RectificationError, ViewMap};
 pub use rectifier::{RawLineError, RectifiedLine, Rectifier};

@@ -6,7 +6,7 @@ use core::ops::Range;
 use crc::{CRC_32_ISO_HDLC, Crc};
 
 use super::depth::Depth;
-use crate::kernel::{cell_positions, sixteenth_shift};
+use crate::kernel::{Interpolation, cell_positions, sixteenth_shift};
 
 /// The first bytes of a rectification.
 const MAGIC: [u8; 4] = *b"VGRF";
@@ -35,6 +35,8 @@ pub enum RectificationError {
     Checksum,
     /// A width, a height or a step between knots is out of its range.
     Size,
+    /// It asks for an interpolation that this program does not have.
+    Interpolation,
     /// Numbers of the cameras are out of their range.
     Camera,
     /// Columns of a line that are stated to be valid lie outside the line.
@@ -58,6 +60,9 @@ impl fmt::Display for RectificationError {
                 "the rectification has a size that is not from 1 to {SIDE_MAX_PX} px, or a step \
                  between knots that is not 4 to 64 px"
             ),
+            Self::Interpolation => {
+                f.write_str("the rectification asks for an unknown interpolation")
+            }
             Self::Camera => f.write_str("the rectification has no usable focal length"),
             Self::Interval => f.write_str("the rectification states columns outside a line"),
             Self::Lines => f.write_str("the rectification states other lines than its maps need"),
@@ -77,7 +82,7 @@ impl core::error::Error for RectificationError {}
 /// | 0 | 4 | `VGRF` |
 /// | 4 | 2 | version, 1 |
 /// | 6 | 1 | binary logarithm of the pixels between knots, 2 to 6 |
-/// | 7 | 1 | 0 |
+/// | 7 | 1 | [interpolation](Interpolation): 0 bilinear, 1 cubic |
 /// | 8 | 4 | width and height of the raw views, px |
 /// | 12 | 4 | width and height of the rectified views, px |
 /// | 16 | 4 | lines to keep of the left and of the right raw view |
@@ -108,6 +113,8 @@ pub struct Rectification<'a> {
     pub right: ViewMap<'a>,
     /// Depth from the disparities of the rectified left view; `None` if the baseline is not known.
     pub depth: Option<Depth>,
+    /// How levels between raw pixels are made.
+    pub interpolation: Interpolation,
     /// Focal length of the rectified cameras, 1/256 px.
     pub focal_q8: u32,
     /// Principal point of the left rectified camera: column and line, 1/256 px.
@@ -122,6 +129,7 @@ pub struct ViewMap<'a> {
     /// Number of knots in a row.
     columns: usize,
     step_shift: u32,
+    interpolation: Interpolation,
     /// Number of raw lines that have to be kept.
     pub(super) kept_lines: u16,
 }
@@ -186,6 +194,11 @@ impl<'a> Rectification<'a> {
         {
             return Err(RectificationError::Size);
         }
+        let interpolation = match u16_at(header, 6) >> 8 {
+            0 => Interpolation::Bilinear,
+            1 => Interpolation::Cubic,
+            _ => return Err(RectificationError::Interpolation),
+        };
         let step = 1 << step_shift;
         let columns = (width as usize).div_ceil(step) + 1;
         let rows = (height as usize).div_ceil(step) + 1;
@@ -196,8 +209,22 @@ impl<'a> Rectification<'a> {
         }
         let (_, maps) = content.split_at(HEADER_BYTES);
         let (left, right) = maps.split_at(knot_bytes + interval_bytes);
-        let left = ViewMap::new(left, knot_bytes, columns, step_shift, u16_at(header, 16));
-        let right = ViewMap::new(right, knot_bytes, columns, step_shift, u16_at(header, 18));
+        let (left, left_intervals) = left.split_at(knot_bytes);
+        let (right, right_intervals) = right.split_at(knot_bytes);
+        let left = ViewMap {
+            knots: left,
+            intervals: left_intervals,
+            columns,
+            step_shift,
+            interpolation,
+            kept_lines: u16_at(header, 16),
+        };
+        let right = ViewMap {
+            knots: right,
+            intervals: right_intervals,
+            kept_lines: u16_at(header, 18),
+            ..left
+        };
         if !left.has_intervals_within(width) || !right.has_intervals_within(width) {
             return Err(RectificationError::Interval);
         }
@@ -216,6 +243,7 @@ impl<'a> Rectification<'a> {
             left,
             right,
             depth,
+            interpolation,
             focal_q8,
             principal_q8: [
                 u32_at(header, 32).cast_signed(),
@@ -276,23 +304,6 @@ impl<'a> Rectification<'a> {
 }
 
 impl<'a> ViewMap<'a> {
-    const fn new(
-        bytes: &'a [u8],
-        knot_bytes: usize,
-        columns: usize,
-        step_shift: u32,
-        kept_lines: u16,
-    ) -> Self {
-        let (knots, intervals) = bytes.split_at(knot_bytes);
-        Self {
-            knots,
-            intervals,
-            columns,
-            step_shift,
-            kept_lines,
-        }
-    }
-
     /// Number of raw lines that have to be kept.
     #[must_use]
     pub const fn kept_lines(&self) -> u16 {
@@ -309,6 +320,12 @@ impl<'a> ViewMap<'a> {
     #[must_use]
     pub const fn step_shift(&self) -> u32 {
         self.step_shift
+    }
+
+    /// How levels between raw pixels are made.
+    #[must_use]
+    pub const fn interpolation(&self) -> Interpolation {
+        self.interpolation
     }
 
     /// The columns of line `y` of the rectified view that the camera saw; empty if there are none.
@@ -370,10 +387,11 @@ impl<'a> ViewMap<'a> {
             x = cell_last + 1;
         }
         let last_line = raw_height as i32 - 1;
+        // Levels are mixed with those of lines above and below.
+        let (above, below) = self.interpolation.reach();
         Some((
-            clamped(lowest, last_line),
-            // The level is mixed with that of the line below.
-            clamped(highest + 1, last_line),
+            clamped(lowest - above, last_line),
+            clamped(highest + below, last_line),
         ))
     }
 
@@ -437,6 +455,7 @@ pub(super) mod tests {
     #[derive(Debug, Clone)]
     pub(in crate::geometry) struct Stored {
         pub(in crate::geometry) step_shift: u8,
+        pub(in crate::geometry) interpolation: Interpolation,
         pub(in crate::geometry) raw: [u16; 2],
         pub(in crate::geometry) size: [u16; 2],
         pub(in crate::geometry) kept_lines: [u16; 2],
@@ -485,6 +504,7 @@ pub(super) mod tests {
             };
             let mut stored = Self {
                 step_shift,
+                interpolation: Interpolation::Bilinear,
                 raw,
                 size,
                 kept_lines: [1, 1],
@@ -496,7 +516,7 @@ pub(super) mod tests {
         }
 
         /// Lines to keep, from the raw lines that each rectified line reads.
-        fn needed_lines(&self) -> [u16; 2] {
+        pub(in crate::geometry) fn needed_lines(&self) -> [u16; 2] {
             let mut other = self.clone();
             other.kept_lines = [u16::MAX; 2];
             // Whatever is stated, the maps can be read.
@@ -506,15 +526,16 @@ pub(super) mod tests {
             let maps: Vec<ViewMap<'_>> = [0, 1]
                 .map(|view| {
                     let at = HEADER_BYTES + view * map_bytes(0);
-                    let knot_bytes = 4 * self.maps[view].0.len();
-                    let shift = self.step_shift.into();
-                    ViewMap::new(
-                        &bytes[at..at + map_bytes(view)],
-                        knot_bytes,
+                    let map = &bytes[at..at + map_bytes(view)];
+                    let (knots, intervals) = map.split_at(4 * self.maps[view].0.len());
+                    ViewMap {
+                        knots,
+                        intervals,
                         columns,
-                        shift,
-                        0,
-                    )
+                        step_shift: self.step_shift.into(),
+                        interpolation: self.interpolation,
+                        kept_lines: 0,
+                    }
                 })
                 .to_vec();
             let reads: Vec<[Option<(u16, u16)>; 2]> = (0..self.size[1])
@@ -537,7 +558,7 @@ pub(super) mod tests {
 
         pub(in crate::geometry) fn bytes(&self) -> Vec<u8> {
             let mut bytes = b"VGRF\x01\0".to_vec();
-            bytes.extend([self.step_shift, 0]);
+            bytes.extend([self.step_shift, self.interpolation as u8]);
             for number in [self.raw, self.size, self.kept_lines].concat() {
                 bytes.extend(number.to_le_bytes());
             }
@@ -662,6 +683,13 @@ pub(super) mod tests {
         newer[4] = 2;
         let error = Rectification::from_bytes(&newer).unwrap_err();
         assert_eq!(error, RectificationError::Version(2));
+        let mut unknown = bytes.clone();
+        unknown[7] = 2;
+        let end = unknown.len() - CHECKSUM_BYTES;
+        let checksum = CHECKSUM.checksum(&unknown[..end]);
+        unknown[end..].copy_from_slice(&checksum.to_le_bytes());
+        let error = Rectification::from_bytes(&unknown).unwrap_err();
+        assert_eq!(error, RectificationError::Interpolation);
         assert_eq!(
             Rectification::from_bytes(&[b'V'; 100]).unwrap_err(),
             RectificationError::Format

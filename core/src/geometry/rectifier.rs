@@ -4,7 +4,7 @@ use core::fmt;
 use core::ops::Range;
 
 use super::rectification::{Rectification, ViewMap};
-use crate::kernel::{MAX_CHANNELS, ResampleRow, resample_row};
+use crate::kernel::{Interpolation, Kernels, MAX_CHANNELS, Portable, ResampleRow};
 use crate::rows::{Arena, Line, OutOfMemory, Ring, words};
 
 /// A pair of raw lines was refused; the rectifier is unchanged.
@@ -41,7 +41,8 @@ impl core::error::Error for RawLineError {}
 /// interpolated from have come: after a raw pair, none, one or several. The last is ready with
 /// the last raw pair of a frame at the latest.
 #[derive(Debug)]
-pub struct Rectifier<'m, 'r> {
+pub struct Rectifier<'m, 'r, K = Portable> {
+    kernels: K,
     rectification: Rectification<'r>,
     views: [RawView<'m>; 2],
     /// Number of raw pairs taken of this frame.
@@ -63,6 +64,7 @@ struct RawView<'m> {
     first_line: u16,
     knots: &'m mut [[i32; 2]],
     step_shift: u32,
+    interpolation: Interpolation,
 }
 
 impl<'m> RawView<'m> {
@@ -91,6 +93,7 @@ impl<'m> RawView<'m> {
             first_line: 0,
             knots: arena.take(map.knots_per_row())?,
             step_shift: map.step_shift(),
+            interpolation: map.interpolation(),
         })
     }
 
@@ -130,7 +133,7 @@ impl<'m> RawView<'m> {
         self.first_line = first as u16;
     }
 
-    fn resample(&self, ring: &Ring<'_, u8>, output: &mut [u8]) {
+    fn resample(&self, ring: &Ring<'_, u8>, kernels: &impl Kernels, output: &mut [u8]) {
         let kept = self.grey.rows_in() as usize;
         let row = ResampleRow {
             levels: ring.values(),
@@ -139,8 +142,9 @@ impl<'m> RawView<'m> {
             width: ring.width(),
             knots: self.knots,
             step_shift: self.step_shift,
+            interpolation: self.interpolation,
         };
-        resample_row(&row, output);
+        kernels.resample_row(&row, output);
     }
 }
 
@@ -155,7 +159,7 @@ impl Rectifier<'_, '_> {
     }
 }
 
-impl<'m, 'r> Rectifier<'m, 'r> {
+impl<'m, 'r, K: Kernels> Rectifier<'m, 'r, K> {
     /// Builds a rectifier in lent memory of at least [`Rectifier::words`]. With `colour`, red, green
     /// and blue are rectified besides grey.
     ///
@@ -164,11 +168,13 @@ impl<'m, 'r> Rectifier<'m, 'r> {
     pub fn new(
         rectification: Rectification<'r>,
         colour: bool,
+        kernels: K,
         memory: &'m mut [u32],
     ) -> Result<Self, OutOfMemory> {
         let mut arena = Arena::new(memory);
         let mut view = |map| RawView::new(map, rectification.raw_width, colour, &mut arena);
         Ok(Self {
+            kernels,
             views: [view(&rectification.left)?, view(&rectification.right)?],
             next_complete: rectification.lines_until(0),
             rectification,
@@ -216,7 +222,7 @@ impl<'m, 'r> Rectifier<'m, 'r> {
 
     /// Returns the next rectified pair, from the top, left and right, if the raw lines that it
     /// needs have come.
-    pub fn next_pair(&mut self) -> Option<[RectifiedLine<'_>; 2]> {
+    pub fn next_pair(&mut self) -> Option<[RectifiedLine<'_, K>; 2]> {
         if !self.is_ready() {
             return None;
         }
@@ -226,16 +232,19 @@ impl<'m, 'r> Rectifier<'m, 'r> {
         left.locate(&self.rectification.left, y);
         right.locate(&self.rectification.right, y);
         let width = usize::from(self.rectification.width);
-        let maps = [&self.rectification.left, &self.rectification.right];
-        let valid = maps.map(|map| map.valid_columns(y));
-        let [left_valid, right_valid] = valid;
-        Some(
-            [(&*left, left_valid), (&*right, right_valid)].map(|(view, valid)| RectifiedLine {
-                view,
-                width,
-                valid,
-            }),
-        )
+        let kernels = self.kernels;
+        let line = |view, map: &ViewMap<'_>| RectifiedLine {
+            kernels,
+            view,
+            width,
+            valid: map.valid_columns(y),
+        };
+        let Rectification {
+            left: left_map,
+            right: right_map,
+            ..
+        } = &self.rectification;
+        Some([line(left, left_map), line(right, right_map)])
     }
 
     /// Forgets the frame: the next raw pair is its first.
@@ -260,13 +269,14 @@ impl<'m, 'r> Rectifier<'m, 'r> {
 
 /// A line of a rectified view, which is resampled from raw lines where it is written.
 #[derive(Debug, Clone)]
-pub struct RectifiedLine<'a> {
+pub struct RectifiedLine<'a, K = Portable> {
+    kernels: K,
     view: &'a RawView<'a>,
     width: usize,
     valid: Range<u16>,
 }
 
-impl Line for RectifiedLine<'_> {
+impl<K: Kernels> Line for RectifiedLine<'_, K> {
     fn width(&self) -> usize {
         self.width
     }
@@ -280,12 +290,12 @@ impl Line for RectifiedLine<'_> {
     }
 
     fn write_grey(&self, row: &mut [u8]) {
-        self.view.resample(&self.view.grey, row);
+        self.view.resample(&self.view.grey, &self.kernels, row);
     }
 
     fn write_channel(&self, channel: usize, row: &mut [u8]) {
         match self.view.colour.get(channel) {
-            Some(ring) if ring.depth() > 0 => self.view.resample(ring, row),
+            Some(ring) if ring.depth() > 0 => self.view.resample(ring, &self.kernels, row),
             _ => self.write_grey(row),
         }
     }
@@ -331,18 +341,37 @@ mod tests {
         }
 
         /// The level at a position in 1/16 px, between whole pixels in floating point.
-        fn level(&self, channel: usize, at_q4: [i32; 2]) -> u8 {
-            let [x, y] = at_q4.map(|at| f64::from(at) / 16.0);
-            let level = |x: f64, y: f64| {
-                let [x, y] = [(x, self.size[0]), (y, self.size[1])]
-                    .map(|(at, side)| at.clamp(0.0, side as f64 - 1.0) as usize);
-                f64::from(self.channels[channel][y * self.size[0] + x])
-            };
-            let [left, top] = [x.floor(), y.floor()];
-            let [right, below] = [x - left, y - top];
-            let mixed = |y: f64| level(left, y) * (1.0 - right) + level(left + 1.0, y) * right;
-            (mixed(top) * (1.0 - below) + mixed(top + 1.0) * below + 0.5).floor() as u8
+        fn level(&self, interpolation: Interpolation, channel: usize, at_q4: [i32; 2]) -> u8 {
+            let at = at_q4.map(|at| f64::from(at) / 16.0);
+            let [across, down] = at.map(|at| weights(interpolation, at - at.floor()));
+            let mut sum = 0.0;
+            for (y, below) in (0..).zip(down) {
+                for (x, right) in (0..).zip(across) {
+                    let [x, y] = [(at[0], x, self.size[0]), (at[1], y, self.size[1])].map(
+                        |(at, place, side)| {
+                            let pixel = at.floor() + f64::from(place) - 1.0;
+                            pixel.clamp(0.0, side as f64 - 1.0) as usize
+                        },
+                    );
+                    let level = self.channels[channel][y * self.size[0] + x];
+                    sum += f64::from(level) * right * below;
+                }
+            }
+            (sum + 0.5).floor().clamp(0.0, 255.0) as u8
         }
+    }
+
+    /// The weights of the pixels from one before a position to two after, by its distance from the
+    /// pixel before it; those of the cubic in 1/128.
+    fn weights(interpolation: Interpolation, t: f64) -> [f64; 4] {
+        if interpolation == Interpolation::Bilinear {
+            return [0.0, 1.0 - t, t, 0.0];
+        }
+        let q7 = |weight: f64| (weight * 128.0).round() / 128.0;
+        let outer = |t: f64| q7(-0.75 * t * (1.0 - t) * (1.0 - t));
+        let u = 1.0 - t;
+        let inner = q7(1.25 * u * u * u - 2.25 * u * u + 1.0);
+        [outer(t), 1.0 - outer(t) - inner - outer(u), inner, outer(u)]
     }
 
     /// Pushes a frame through a rectifier and compares the valid columns of every line with the
@@ -354,6 +383,7 @@ mod tests {
         most_at_once: &mut usize,
     ) -> usize {
         let rectification = *rectifier.rectification();
+        let interpolation = rectification.interpolation;
         let (mut differing, mut y) = (0, 0);
         for raw in 0..frames[0].size[1] {
             rectifier
@@ -373,7 +403,8 @@ mod tests {
                         for x in map.valid_columns(y) {
                             let found = row[usize::from(x)];
                             let position = expected_position_q4(map, x, y);
-                            differing += usize::from(found != frame.level(channel, position));
+                            differing +=
+                                usize::from(found != frame.level(interpolation, channel, position));
                         }
                     }
                 }
@@ -409,10 +440,16 @@ mod tests {
                 [shrink * x - 10.0, shrink * y - 8.0 + [0.0, 1.5][view]]
             }),
             // A part of the sensor alone.
-            Stored::new(2, [40, 40], [9, 3], |_, _, _| [12.3, 30.9]),
+            Stored::new(2, [40, 40], [9, 3], |_, _, _| [12.3, 30.6]),
         ];
         // A line that no camera saw.
         cameras[0].maps[0].1[20] = [0, 0];
+        // All of them with the other interpolation as well, which reads further.
+        for mut camera in cameras.clone() {
+            camera.interpolation = Interpolation::Cubic;
+            camera.kept_lines = camera.needed_lines();
+            cameras.push(camera);
+        }
         cameras
     }
 
@@ -425,7 +462,8 @@ mod tests {
             let frame = |seed| Frame::random(camera.raw, seed);
             for colour in [false, true] {
                 let mut memory = vec![0; Rectifier::words(&rectification, colour)];
-                let mut rectifier = Rectifier::new(rectification, colour, &mut memory).unwrap();
+                let mut rectifier =
+                    Rectifier::new(rectification, colour, Portable, &mut memory).unwrap();
                 // A frame that breaks off, and one after it.
                 let frames = [frame(2 * seed), frame(2 * seed + 1)];
                 for raw in 0..5 {
@@ -448,7 +486,7 @@ mod tests {
             let rectification = Rectification::from_bytes(&bytes).unwrap();
             let words = Rectifier::words(&rectification, true);
             let mut memory = vec![0; words - 1];
-            assert!(Rectifier::new(rectification, true, &mut memory).is_err());
+            assert!(Rectifier::new(rectification, true, Portable, &mut memory).is_err());
             let frames = [
                 Frame::random(camera.raw, seed),
                 Frame::random(camera.raw, !seed),
@@ -457,10 +495,10 @@ mod tests {
                 let mut fewer = rectification;
                 [&mut fewer.left, &mut fewer.right][view].kept_lines -= 1;
                 let mut memory = vec![0; words];
-                let mut rectifier = Rectifier::new(fewer, false, &mut memory).unwrap();
+                let mut rectifier = Rectifier::new(fewer, false, Portable, &mut memory).unwrap();
                 assert!(
                     differing(&mut rectifier, &frames, &mut 0) > 0,
-                    "view {view}"
+                    "camera {seed}, view {view}"
                 );
             }
         }
@@ -472,7 +510,7 @@ mod tests {
         let rectification = Rectification::from_bytes(&bytes).unwrap();
         let frame = Frame::random([64, 48], 1);
         let mut memory = vec![0; Rectifier::words(&rectification, true)];
-        let mut rectifier = Rectifier::new(rectification, true, &mut memory).unwrap();
+        let mut rectifier = Rectifier::new(rectification, true, Portable, &mut memory).unwrap();
         let line = frame.line(0);
         assert_eq!(rectifier.push(&[0; 63], &line), Err(RawLineError::Width));
         assert_eq!(rectifier.push(&line, &[0; 64]), Err(RawLineError::Colour));

@@ -40,7 +40,8 @@ pub use pack::{CELLS_PER_BYTE, pack_cells};
 pub(crate) use recall::pick;
 pub use recall::{RowRecall, TieBreak, recall_row};
 pub use resample::{
-    DISPLACEMENT_BITS, ResampleRow, cell_positions, resample_cell, resample_row, sixteenth_shift,
+    DISPLACEMENT_BITS, Interpolation, ResampleRow, cell_positions, resample_cell, resample_row,
+    sixteenth_shift,
 };
 pub use select::{parabola_q4, parabolas_q4, select_row};
 pub use smooth::smooth_row;
@@ -71,6 +72,9 @@ pub trait Kernels: Copy {
         low: &mut [u8],
         high: &mut [u8],
     );
+
+    /// Resamples a row of a rectified view; see [`resample_row`].
+    fn resample_row(&self, row: &ResampleRow<'_>, output: &mut [u8]);
 
     /// Smooths a line of grey between edges; see [`smooth_row`]. If a row has fewer than two pixels
     /// more than `smoothed`, `smoothed` stays unchanged.
@@ -125,8 +129,8 @@ macro_rules! kernel_methods {
         $($crate::kernel_methods!(@ $kernel $write $how);)+
     };
     ($write:tt $how:tt) => {
-        $crate::kernel_methods!($write $how: luma_row, channel_row, convert_row, smooth_row,
-            pack_cells, recall_row, mask_block, cost_run, aggregate_paths, select_row,
+        $crate::kernel_methods!($write $how: luma_row, channel_row, resample_row, convert_row,
+            smooth_row, pack_cells, recall_row, mask_block, cost_run, aggregate_paths, select_row,
             aggregate_row, arms_row, median9_row, weighted_median_row);
     };
     (@ luma_row $($to:tt)+) => {
@@ -137,6 +141,10 @@ macro_rules! kernel_methods {
         $crate::kernel_methods!(@@ channel_row $($to)+,
             format: $crate::kernel::PixelFormat, line: &[u8], channel: usize,
             row: &mut [u8]);
+    };
+    (@ resample_row $($to:tt)+) => {
+        $crate::kernel_methods!(@@ resample_row $($to)+,
+            row: &$crate::kernel::ResampleRow<'_>, output: &mut [u8]);
     };
     (@ convert_row $($to:tt)+) => {
         $crate::kernel_methods!(@@ convert_row $($to)+,
@@ -208,8 +216,8 @@ macro_rules! call_reference {
 impl Kernels for Portable {
     const FUSES_SELECTION: bool = false;
 
-    kernel_methods!([call_reference] {}: luma_row, channel_row, convert_row, smooth_row, pack_cells,
-        recall_row, mask_block, cost_run, aggregate_paths, select_row, arms_row, median9_row,
+    kernel_methods!([call_reference] {}: luma_row, channel_row, resample_row, convert_row,
+        smooth_row, pack_cells, recall_row, mask_block, cost_run, aggregate_paths, select_row, arms_row, median9_row,
         weighted_median_row);
 
     #[inline]
@@ -236,8 +244,8 @@ impl Kernels for Portable {
 /// impl Kernels for Counting<'_> {
 ///     const FUSES_SELECTION: bool = Portable::FUSES_SELECTION;
 ///
-///     vgstereo_core::forward_kernels!(set => &Portable; luma_row, channel_row, convert_row,
-///         smooth_row, pack_cells, recall_row, mask_block, aggregate_paths, select_row,
+///     vgstereo_core::forward_kernels!(set => &Portable; luma_row, channel_row, resample_row,
+///         convert_row, smooth_row, pack_cells, recall_row, mask_block, aggregate_paths, select_row,
 ///         aggregate_row, arms_row, weighted_median_row);
 ///     vgstereo_core::forward_kernels!(set => &Portable, within |body| {
 ///         set.0.set(set.0.get() + 1);

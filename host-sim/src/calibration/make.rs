@@ -1,6 +1,7 @@
 //! From calibration files to the rectification of a pair.
 
 use anyhow::{Context, Result, anyhow, ensure};
+use vgstereo_core::geometry::Interpolation;
 
 use super::check::checked;
 use super::maps::Maps;
@@ -27,6 +28,8 @@ pub struct Options {
     pub cropped: Option<[u16; 2]>,
     /// Pixels that the camera joins in each direction, against the files; of the cropped picture.
     pub binned: Option<u16>,
+    /// How levels between raw pixels are made.
+    pub interpolation: Interpolation,
 }
 
 /// A pair that can be rectified.
@@ -111,7 +114,7 @@ pub fn rectify(files: &[(String, Vec<u8>)], options: &Options) -> Result<Rectifi
     if let Some(crop) = crop {
         pair = pair.cropped(crop).context("--keep")?;
     }
-    let maps = Maps::new(&pair, calibration.unit_mm).map_err(|reason| {
+    let maps = Maps::new(&pair, calibration.unit_mm, options.interpolation).map_err(|reason| {
         // What was warned of may well be the cause.
         let warnings = calibration.warnings.iter();
         let warnings: String = warnings.map(|warning| format!("; {warning}")).collect();

@@ -3,7 +3,7 @@
 use anyhow::{Context, Result, ensure};
 use crc::{CRC_32_ISO_HDLC, Crc};
 use glam::DVec2;
-use vgstereo_core::geometry::Rectification;
+use vgstereo_core::geometry::{Interpolation, Rectification};
 
 use super::rectified::RectifiedPair;
 
@@ -46,7 +46,11 @@ impl Maps {
     /// # Errors
     /// Fails with the reason when a pixel lies more than 512 px from where it was seen, when a side or a
     /// number is out of the format's range, or when no pixel is valid.
-    pub fn new(pair: &RectifiedPair, unit_mm: Option<f64>) -> Result<Self> {
+    pub fn new(
+        pair: &RectifiedPair,
+        unit_mm: Option<f64>,
+        interpolation: Interpolation,
+    ) -> Result<Self> {
         for side in pair.raw_size.into_iter().chain(pair.size) {
             ensure!(side <= 4096, "views of {side} px; 4096 px are possible");
         }
@@ -74,7 +78,7 @@ impl Maps {
             }
         }
         let (grids, error_px) = finest.context("no step")?;
-        let bytes = bytes(pair, unit_mm, &grids, &views)?;
+        let bytes = bytes(pair, unit_mm, interpolation, &grids, &views)?;
         Rectification::from_bytes(&bytes)?;
         Ok(Self {
             bytes,
@@ -217,6 +221,7 @@ impl Grid {
 fn bytes(
     pair: &RectifiedPair,
     unit_mm: Option<f64>,
+    interpolation: Interpolation,
     grids: &[Grid; 2],
     views: &[Exact; 2],
 ) -> Result<Vec<u8>> {
@@ -242,7 +247,11 @@ fn bytes(
         None => 0,
     };
     let mut bytes = b"VGRF\x01\0".to_vec();
-    bytes.extend([grids[0].shift as u8, 0]);
+    let interpolation = match interpolation {
+        Interpolation::Bilinear => 0,
+        Interpolation::Cubic => 1,
+    };
+    bytes.extend([grids[0].shift as u8, interpolation]);
     for number in [pair.raw_size, pair.size].concat() {
         bytes.extend(number.to_le_bytes());
     }

@@ -7,6 +7,7 @@ use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma};
+use vgstereo_core::geometry::Interpolation;
 
 use crate::calibration::{Options, Rectified, projections, rectify};
 use crate::files::{encode, make_folder, read_all, write_files};
@@ -150,7 +151,11 @@ pub fn load_scene_with(folder: &Path, bits: Option<u8>) -> Result<Scene> {
 ///
 /// # Errors
 /// Fails with one line that names the file and the reason.
-pub fn load_calibrated(folder: &Path, bits: Option<u8>) -> Result<(Scene, Rectified)> {
+pub fn load_calibrated(
+    folder: &Path,
+    bits: Option<u8>,
+    interpolation: Interpolation,
+) -> Result<(Scene, Rectified)> {
     let meta = read_meta(folder)?;
     let meta_path = folder.join("meta.toml");
     ensure!(
@@ -168,6 +173,7 @@ pub fn load_calibrated(folder: &Path, bits: Option<u8>) -> Result<(Scene, Rectif
         size: Some([side(raw_width)?, side(raw_height)?]),
         view_size: Some([side(width)?, side(height)?]),
         projections: projections(&meta_path.display().to_string(), &read(&meta_path)?)?,
+        interpolation,
         ..Options::default()
     };
     let made = rectify(&files, &options)?;

@@ -24,8 +24,8 @@ impl Kernels for Neon {
     const FUSES_SELECTION: bool = Portable::FUSES_SELECTION;
 
     // Compilers vectorise the references for Neon as they are.
-    forward_kernels!(set => &Portable; luma_row, channel_row, convert_row, smooth_row, recall_row,
-        mask_block, cost_run, aggregate_paths, select_row, aggregate_row, arms_row, median9_row,
+    forward_kernels!(set => &Portable; luma_row, channel_row, resample_row, convert_row,
+        smooth_row, recall_row, mask_block, cost_run, aggregate_paths, select_row, aggregate_row, arms_row, median9_row,
         weighted_median_row);
 
     #[inline]

@@ -12,6 +12,7 @@ mod cost;
 mod mask;
 mod median9;
 mod pack;
+mod resample;
 mod select;
 #[allow(unsafe_code)]
 mod simd;
@@ -21,7 +22,7 @@ mod weighted_median;
 use vgstereo_core::forward_kernels;
 use vgstereo_core::kernel::{
     AggregateRow, ArmsRow, CELLS_PER_BYTE, CostRun, Kernels, LevelConversion, MaskBlock, Portable,
-    WeightedMedianRow,
+    ResampleRow, WeightedMedianRow,
 };
 
 /// Kernel set in byte SIMD for Cortex-M4 and Cortex-M7.
@@ -37,6 +38,11 @@ impl Kernels for Armv7em {
     // The reference suffices: each pixel is unpacked only once, and recall is little more than a
     // loop around the Hamming distances.
     forward_kernels!(set => &Portable; luma_row, channel_row, recall_row);
+
+    #[inline]
+    fn resample_row(&self, row: &ResampleRow<'_>, output: &mut [u8]) {
+        resample::resample_row(row, output);
+    }
 
     #[inline]
     fn convert_row(

@@ -71,6 +71,33 @@ instruction! {
     add_even_bytes, "uxtab16", |a: u32, b| a.wrapping_add(even_bytes(b))
 }
 
+/// Multiplies the signed halfwords of `a` with those of `b`, and adds both products to `sum`, modulo
+/// 2^32.
+#[inline(always)]
+#[must_use]
+pub(super) fn add_products_i16x2(a: u32, b: u32, sum: u32) -> u32 {
+    #[cfg(dsp_extension)]
+    {
+        let result;
+        // SAFETY: the instruction works on registers and a flag alone.
+        unsafe {
+            core::arch::asm!(
+                "smlad {}, {}, {}, {}",
+                lateout(reg) result, in(reg) a, in(reg) b, in(reg) sum,
+                options(pure, nomem, nostack),
+            );
+        }
+        result
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        let signed = |word: u32| i32::from(word as i16);
+        let low = signed(a).wrapping_mul(signed(b));
+        let high = signed(a >> 16).wrapping_mul(signed(b >> 16));
+        sum.wrapping_add_signed(low).wrapping_add_signed(high)
+    }
+}
+
 /// Adds bytes 1 and 3 of `b` to halfwords `a`.
 #[inline(always)]
 #[must_use]

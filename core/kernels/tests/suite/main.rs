@@ -18,8 +18,8 @@ use vgstereo_core::kernel::{Kernels, MASK_LANES, MAX_TAP_ROWS, PixelFormat, Port
 use vgstereo_kernels::aarch64::Neon;
 use vgstereo_kernels::cases::{
     AggregateCase, ArmsCase, Case, ChannelCase, ConvertCase, CostCase, LumaCase, MaskCase,
-    Median9Case, PackCase, PathsCase, RecallCase, SelectCase, SmoothCase, WeightedMedianCase,
-    generator,
+    Median9Case, PackCase, PathsCase, RecallCase, ResampleCase, SelectCase, SmoothCase,
+    WeightedMedianCase, generator,
 };
 #[cfg(target_arch = "x86_64")]
 use vgstereo_kernels::x86_64::{Avx2, Avx512};
@@ -33,8 +33,8 @@ static ALLOCATOR: guarded::Guarded = guarded::Guarded;
 /// they are listed as ignored.
 macro_rules! suite {
     ($name:literal: $set:expr) => {
-        suite!(@ $name: $set; luma_row, channel_row, convert_row, smooth_row, pack_cells, recall_row,
-            mask_block, cost_run, aggregate_paths, select_row, aggregate_row, arms_row, median9_row,
+        suite!(@ $name: $set; luma_row, channel_row, resample_row, convert_row, smooth_row,
+            pack_cells, recall_row, mask_block, cost_run, aggregate_paths, select_row, aggregate_row, arms_row, median9_row,
             weighted_median_row)
     };
     (@ $name:literal: $set:expr; $($kernel:ident),+) => {
@@ -106,7 +106,7 @@ impl<K: Kernels> Kernels for Forwarded<K> {
     const FUSES_SELECTION: bool = K::FUSES_SELECTION;
 
     forward_kernels!(set => &set.0, within |body| body(); luma_row,
-        channel_row, convert_row, smooth_row, pack_cells, recall_row, mask_block, cost_run,
+        channel_row, resample_row, convert_row, smooth_row, pack_cells, recall_row, mask_block, cost_run,
         aggregate_paths, select_row, aggregate_row, arms_row, median9_row, weighted_median_row);
 }
 
@@ -192,6 +192,15 @@ fn channel_row(kernels: impl Kernels) {
         format in formats(), (pixels, width) in line_widths(), seed in any::<u64>(),
     )| {
         is_alike(&mut ChannelCase::random(&mut generator(seed), format, pixels, width), kernels)?;
+    });
+}
+
+fn resample_row(kernels: impl Kernels) {
+    proptest!(config(), |(
+        pixels in 1_usize..200, width in 1_usize..200, lines in 1_usize..12, seed in any::<u64>(),
+    )| {
+        let random = &mut generator(seed);
+        is_alike(&mut ResampleCase::random(random, pixels, width, lines), kernels)?;
     });
 }
 

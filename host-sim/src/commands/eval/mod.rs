@@ -9,7 +9,9 @@ use image::ImageFormat;
 use serde::Serialize;
 use vgstereo_core::Preset;
 
-use crate::arguments::{Overrides, name_of, output_of, parse_preset, parse_threshold};
+use crate::arguments::{
+    InterpolationName, Overrides, name_of, output_of, parse_preset, parse_threshold,
+};
 use crate::dataset::{
     distinct_names, ensure_distinct, find_scenes, load_calibrated, load_scene_with,
 };
@@ -59,6 +61,9 @@ pub struct Eval {
     /// P1 and P2 that the truth is for.
     #[arg(long)]
     calibrated: bool,
+    /// With --calibrated: how levels between raw pixels are made.
+    #[arg(long, value_enum, default_value_t, requires = "calibrated")]
+    interpolation: InterpolationName,
     /// Match the grey of colour images.
     #[arg(long)]
     grey: bool,
@@ -178,7 +183,7 @@ impl Eval {
     /// Loads a scene, with the right view lowered as `--line-offset` says.
     fn load(&self, folder: &Path) -> Result<Prepared> {
         let (mut scene, made) = if self.calibrated {
-            let (scene, made) = load_calibrated(folder, self.bits)?;
+            let (scene, made) = load_calibrated(folder, self.bits, self.interpolation.into())?;
             (scene, Some(made))
         } else {
             (load_scene_with(folder, self.bits)?, None)

@@ -35,6 +35,7 @@ impl Kernels for Avx2 {
         "avx2,popcnt",
         reference {
             luma_row,
+            resample_row,
             convert_row,
             smooth_row,
             pack_cells,

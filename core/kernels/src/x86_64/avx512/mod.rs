@@ -49,6 +49,7 @@ impl Kernels for Avx512 {
         "avx512f,avx512bw,avx512vl,avx512vbmi,avx512vpopcntdq,popcnt",
         reference {
             luma_row,
+            resample_row,
             convert_row,
             smooth_row,
             pack_cells,
