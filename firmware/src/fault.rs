@@ -4,6 +4,7 @@ use core::fmt;
 
 use crate::camera::ErrorKind;
 use vgstereo_core::PushError;
+use vgstereo_core::geometry::RawLineError;
 
 /// Why a frame was dropped or synchronisation with the camera was lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -14,6 +15,8 @@ pub enum Fault {
     Camera(ErrorKind),
     /// The camera delivered another pair of lines than the expected one.
     Sequence,
+    /// The rectifier refused the pair of lines.
+    Rectifier(RawLineError),
     /// The matcher refused the pair of lines.
     Matcher(PushError),
     /// The sink reported an error.
@@ -25,6 +28,7 @@ impl fmt::Display for Fault {
         match self {
             Self::Camera(kind) => kind.fmt(f),
             Self::Sequence => f.write_str("the camera delivered another line than the next"),
+            Self::Rectifier(error) => error.fmt(f),
             Self::Matcher(error) => error.fmt(f),
             Self::Sink => f.write_str("the sink failed"),
         }
@@ -41,6 +45,7 @@ mod tests {
         for (fault, cause) in [
             (Fault::Camera(ErrorKind::Timeout), "time allowed"),
             (Fault::Sequence, "another line"),
+            (Fault::Rectifier(RawLineError::NotTaken), "not taken"),
             (Fault::Matcher(PushError::TooManyLines), "too many lines"),
             (Fault::Sink, "sink"),
         ] {

@@ -8,12 +8,13 @@
 //! [`sink`] are the two ends of a firmware's session. [`mod@frame`] matches whole frames with the kernels of
 //! `vgstereo-kernels`, and [`pair_check`] tells what is wrong with a pair. [`metrics`] measures disparities
 //! against ground truth, [`pictures`] shows them, [`published`] has results to compare with, and
-//! [`prepared`] joins a scene with its matching and measuring. [`arguments`], [`tables`] and
+//! [`prepared`] joins a scene with its matching and measuring. [`arguments`], [`cameras`], [`tables`] and
 //! [`terminal`] serve the [`commands`] of `vgstereo`.
 
 pub mod arguments;
 pub mod calibration;
 pub mod camera;
+pub mod cameras;
 pub mod commands;
 pub mod dataset;
 pub mod depth_files;

@@ -16,7 +16,7 @@ use vgstereo_boards::model::{Ran, Scenario};
 use vgstereo_boards::pair::Pair;
 use vgstereo_boards::toolchain::ModelCompiler;
 use vgstereo_boards::{host, model, panics, stack, toolchain};
-use vgstereo_core::Preset;
+use vgstereo_core::{INVALID, Preset};
 use vgstereo_firmware::camera::{ErrorKind, PixelFormat};
 use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
 
@@ -33,8 +33,9 @@ const RAM_KIB: [(Board, Preset, u32, u16, u64); 5] = [
 type BoardTest = fn(&Board) -> Result<(), Failed>;
 
 /// Tests of each emulated board, ignored if a tool that the board needs is missing.
-const TESTS: [(&str, BoardTest); 8] = [
+const TESTS: [(&str, BoardTest); 9] = [
     ("presets", same_bytes_with_every_preset),
+    ("raw_lines", same_bytes_of_raw_lines),
     ("faults", exact_under_every_fault),
     ("random_faults", exact_under_random_faults),
     ("dead_camera", a_dead_camera_ends_the_run),
@@ -79,6 +80,37 @@ fn main() {
 /// The built-in scene, with more lines than all stages together look ahead.
 fn small_pair() -> Pair {
     Pair::rendered(64, 40, 16)
+}
+
+/// Raw lines, rectified on the board, in grey and in colour, with a fault between two frames.
+fn same_bytes_of_raw_lines(board: &Board) -> Result<(), Failed> {
+    let firmware = build(board).map_err(text)?;
+    let fault = ScriptedFault {
+        frame: 1,
+        line: 20,
+        kind: FaultKind::Truncated,
+    };
+    for format in [PixelFormat::Grey8, PixelFormat::Rgb888] {
+        let pair = Pair {
+            format,
+            ..Pair::crooked(64, 40, 16).map_err(text)?
+        };
+        for preset in [Preset::Lite, Preset::Paper] {
+            let request = pair.request(preset, 2, &[fault]).map_err(text)?;
+            let ran = emulator::run(board, &firmware, &pair, &request, Clock::Host);
+            let (frames, report) = ran.map_err(text)?;
+            let (expected, statistics) = host::run(&pair, &request).map_err(text)?;
+            assert_eq!(report.statistics, statistics, "{preset} {format:?}");
+            assert_eq!(statistics.frames_dropped, 1);
+            let difference = host::first_difference(&frames, &expected, 64);
+            assert_eq!(difference, None, "{preset} {format:?}");
+            // Pixels that no camera saw have no disparity, and others have.
+            let disparities = frames.disparities_q4();
+            let known = disparities.iter().filter(|&&d| d != INVALID).count();
+            assert!(known > 0 && known < disparities.len());
+        }
+    }
+    Ok(())
 }
 
 fn same_bytes_with_every_preset(board: &Board) -> Result<(), Failed> {

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
 use vgstereo_emulated::{
-    CONFIDENCES_FILE, DISPARITIES_FILE, LINES_FILE, REPORT_FILE, Report, Request,
+    CALIBRATION_FILE, CONFIDENCES_FILE, DISPARITIES_FILE, LINES_FILE, REPORT_FILE, Report, Request,
 };
 use wait_timeout::ChildExt;
 
@@ -69,6 +69,9 @@ pub fn run_logged(
         fs::read(path(name)).with_context(|| format!("{} has not written {name:?}", board.name))
     };
     fs::write(path(LINES_FILE), pair.lines()?).context("cannot write a temporary file")?;
+    if let Some(bytes) = &pair.rectification {
+        fs::write(path(CALIBRATION_FILE), bytes).context("cannot write a temporary file")?;
+    }
 
     let mut semihosting = "enable=on,target=native,arg=vgstereo".to_owned();
     for word in request.to_string().split(' ') {

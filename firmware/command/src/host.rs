@@ -2,10 +2,11 @@
 
 use anyhow::{Context, Result, anyhow};
 use vgstereo_core::Matcher;
+use vgstereo_core::geometry::{Rectification, Rectifier};
 use vgstereo_emulated::Request;
 use vgstereo_firmware::camera::LinePairSource;
 use vgstereo_firmware::scripted::FaultyCamera;
-use vgstereo_firmware::{Session, Statistics, session};
+use vgstereo_firmware::{NoWatchdog, Session, Statistics, session};
 use vgstereo_kernels::NativeKernels;
 use vgstereo_sim::sink::{DisparityFrame, FrameCollector};
 
@@ -48,7 +49,18 @@ pub fn run(pair: &Pair, request: &Request) -> Result<(Frames, Statistics)> {
     let mut memory = vec![0; config.memory_words()];
     let mut lines = vec![0; session::memory_words(&camera.geometry())];
     let matcher = Matcher::new(&config, NativeKernels::fastest(), &mut memory)?;
-    let mut session = Session::new(camera, matcher, FrameCollector::new(), &mut lines)?;
+    let sink = FrameCollector::new();
+    let mut strip = Vec::new();
+    let mut session = match &pair.rectification {
+        None => Session::new(camera, matcher, sink, &mut lines)?,
+        Some(bytes) => {
+            let rectification = Rectification::from_bytes(bytes)?;
+            strip.resize(Rectifier::words(&rectification, config.colour), 0);
+            let kernels = NativeKernels::fastest();
+            let rectifier = Rectifier::new(rectification, config.colour, kernels, &mut strip)?;
+            Session::rectifying(camera, rectifier, matcher, sink, &mut lines, NoWatchdog)?
+        }
+    };
     let mut frames = Frames::default();
     let mut whole = 0;
     let mut failures = 0;

@@ -3,13 +3,16 @@
 use std::path::Path;
 
 use anyhow::{Result, ensure};
+use glam::{DMat3, DVec3};
 use image::RgbImage;
 use image::imageops::{crop_imm, thumbnail};
+use vgstereo_core::geometry::{Interpolation, Rectification, Rectifier};
 use vgstereo_core::{DisparityRange, Preset};
 use vgstereo_emulated::Request;
-use vgstereo_emulated::request::MAX_FAULTS;
+use vgstereo_emulated::request::{Calibration, MAX_FAULTS};
 use vgstereo_firmware::camera::{Geometry, Layout, LinePairSource, PixelFormat};
 use vgstereo_firmware::scripted::ScriptedFault;
+use vgstereo_sim::calibration::{Camera, Lens, Maps, RectifiedPair, StereoCalibration};
 use vgstereo_sim::camera::SimulatedCamera;
 use vgstereo_sim::dataset::load_scene;
 use vgstereo_sim::render::{RenderOptions, render};
@@ -17,7 +20,7 @@ use vgstereo_sim::scene::Scene;
 
 use crate::board::Board;
 
-/// A rectified pair of images with the pixel format in which a board's camera sends it and the
+/// A pair of images, rectified or with its rectification, with the pixel format in which a board's camera sends it and the
 /// disparities that the board searches.
 #[derive(Debug, Clone)]
 pub struct Pair {
@@ -31,6 +34,8 @@ pub struct Pair {
     pub format: PixelFormat,
     /// The disparities to search.
     pub disparities: DisparityRange,
+    /// The rectification of the views; `None` if they are rectified.
+    pub rectification: Option<Vec<u8>>,
 }
 
 impl Pair {
@@ -48,6 +53,47 @@ impl Pair {
             format: PixelFormat::Grey8,
             ..Self::from(scene)
         }
+    }
+
+    /// Returns the built-in scene as [`Pair::rendered`] does, taken for what two distorted cameras
+    /// see that are turned against each other. What a board makes of it shows no scene, but every step
+    /// of the rectification.
+    ///
+    /// # Errors
+    /// Fails when no pixel of such views would be seen by both cameras.
+    pub fn crooked(width: u16, height: u16, disparities: u16) -> Result<Self> {
+        let middle = |px: u16| f64::from(px - 1) / 2.0;
+        let focal_px = f64::from(width);
+        let camera = |distortion: [f64; 4], offset_px: f64| {
+            let lens = Lens::radial_tangential(&distortion)?;
+            let matrix = [
+                focal_px,
+                focal_px,
+                middle(width) + offset_px,
+                middle(height) - offset_px,
+            ];
+            Camera::new(matrix, lens, Some([width, height]))
+        };
+        let calibration = StereoCalibration {
+            cameras: [
+                camera([-0.3, 0.1, 0.0, 0.0], 1.5)?,
+                camera([-0.25, 0.08, 0.0, 0.0], -2.0)?,
+            ],
+            rotation: DMat3::from_rotation_z(0.02) * DMat3::from_rotation_x(-0.01),
+            translation: DVec3::new(-60.0, 0.5, 1.0),
+            unit_mm: Some(1.0),
+            format: "built-in",
+            stored: None,
+            warnings: Vec::new(),
+        };
+        let size = [width, height];
+        let views = RectifiedPair::compute(&calibration, size, size, true)?;
+        let maps = Maps::new(&views, calibration.unit_mm, Interpolation::Bilinear)?;
+        Ok(Self {
+            name: "crooked".to_owned(),
+            rectification: Some(maps.bytes),
+            ..Self::rendered(width.into(), height.into(), disparities)
+        })
     }
 
     /// Loads a scene so that it fits a board: in grey and half as large on a small board,
@@ -72,8 +118,12 @@ impl Pair {
         }
     }
 
-    /// Cuts both views to their first `lines` lines.
+    /// Cuts both views to their first `lines` lines, unless they have a rectification, which is for all
+    /// of them.
     pub fn cut(&mut self, lines: u32) {
+        if self.rectification.is_some() {
+            return;
+        }
         for view in [&mut self.left, &mut self.right] {
             let (width, height) = view.dimensions();
             *view = crop_imm(view, 0, 0, width, lines.min(height)).to_image();
@@ -130,6 +180,7 @@ impl Pair {
             preset,
             hamming_alone: false,
             geometry: self.geometry()?,
+            calibration: self.calibration()?,
             disparities: self.disparities,
             frames,
             faults: Default::default(),
@@ -137,6 +188,20 @@ impl Pair {
         let taken = request.faults.extend_from_slice(faults);
         ensure!(taken.is_ok(), "a board takes at most {MAX_FAULTS} faults");
         Ok(request)
+    }
+
+    /// What a board has to know of the rectification.
+    fn calibration(&self) -> Result<Option<Calibration>> {
+        let Some(bytes) = &self.rectification else {
+            return Ok(None);
+        };
+        let rectification = Rectification::from_bytes(bytes)?;
+        let words = Rectifier::words(&rectification, !self.format.is_grey());
+        Ok(Some(Calibration {
+            bytes: u32::try_from(bytes.len())?,
+            rectifier_words: u32::try_from(words)?,
+            width: rectification.width,
+        }))
     }
 
     /// Returns width, height and number of disparities as text, such as `160x120x32`.
@@ -155,6 +220,7 @@ impl From<Scene> for Pair {
             right: scene.right,
             format: PixelFormat::Rgb888,
             disparities: DisparityRange::up_to(scene.d_max),
+            rectification: None,
         }
     }
 }

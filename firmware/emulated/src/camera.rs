@@ -26,18 +26,22 @@ impl FileCamera {
             line: 0,
         }
     }
+}
 
-    fn read(&mut self, mut line: &mut [u8]) -> Result<(), ErrorKind> {
-        // Each read returns at least one byte, or 0 at the end of the file.
-        while !line.is_empty() {
-            let bytes = self.lines.read(line).map_err(|_| ErrorKind::Bus)?;
-            if bytes == 0 {
-                return Err(ErrorKind::ShortFrame);
-            }
-            line = line.get_mut(bytes..).unwrap_or_default();
+/// Fills `bytes` from a file.
+///
+/// # Errors
+/// [`ErrorKind::Bus`] when the file cannot be read, [`ErrorKind::ShortFrame`] when it ends before.
+pub(crate) fn read_exactly(mut file: &File, mut bytes: &mut [u8]) -> Result<(), ErrorKind> {
+    // Each read returns at least one byte, or 0 at the end of the file.
+    while !bytes.is_empty() {
+        let count = file.read(bytes).map_err(|_| ErrorKind::Bus)?;
+        if count == 0 {
+            return Err(ErrorKind::ShortFrame);
         }
-        Ok(())
+        bytes = bytes.get_mut(count..).unwrap_or_default();
     }
+    Ok(())
 }
 
 impl ErrorType for FileCamera {
@@ -70,8 +74,8 @@ impl LinePairSource for FileCamera {
         let start = u64::from(pair.line) * 2 * line_bytes as u64;
         let at_line = self.lines.seek(SeekFrom::Start(start));
         at_line.map_err(|_| ErrorKind::Bus)?;
-        self.read(left)?;
-        self.read(right)?;
+        read_exactly(&self.lines, left)?;
+        read_exactly(&self.lines, right)?;
         Ok(pair)
     }
 }

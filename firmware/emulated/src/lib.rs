@@ -30,6 +30,8 @@ pub use request::Request;
 
 /// File of the camera's lines: for each line, the bytes of the left view, then those of the right.
 pub const LINES_FILE: &CStr = c"lines.raw";
+/// File of the rectification, if the request has a calibration.
+pub const CALIBRATION_FILE: &CStr = c"calibration.vgr";
 /// File of disparities, written by the sink: whole frames one after another, row by row, 1/16 px,
 /// each in two bytes, little-endian.
 pub const DISPARITIES_FILE: &CStr = c"disparities.raw";

@@ -15,6 +15,17 @@ pub const HAMMING_CELLS: u8 = 64;
 /// Largest number of faults in a script.
 pub const MAX_FAULTS: usize = 32;
 
+/// What a board has to know of a rectification before it reads it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Calibration {
+    /// Its length, bytes.
+    pub bytes: u32,
+    /// Words of 32 bits that the rectifier takes.
+    pub rectifier_words: u32,
+    /// Width of the rectified views, px.
+    pub width: u16,
+}
+
 /// The frames to match, and how to match them.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Request {
@@ -25,6 +36,8 @@ pub struct Request {
     pub hamming_alone: bool,
     /// Size and pixel format of the camera's lines.
     pub geometry: Geometry,
+    /// The rectification of the camera's lines; `None` if they are rectified.
+    pub calibration: Option<Calibration>,
     /// Range of disparities to search.
     pub disparities: DisparityRange,
     /// Number of whole frames to deliver.
@@ -49,15 +62,36 @@ impl Request {
         }
         Config {
             colour: !self.geometry.format.is_grey(),
-            ..Config::new(parameters, self.geometry.width, self.disparities)
+            ..Config::new(parameters, self.width(), self.disparities)
         }
     }
 
-    /// Bytes of the lent memory that session and matcher take.
+    /// Width of the lines of disparities, px.
+    #[must_use]
+    pub fn width(&self) -> u16 {
+        let rectified = self.calibration.map(|calibration| calibration.width);
+        rectified.unwrap_or(self.geometry.width)
+    }
+
+    /// Words of 32 bits that the rectification takes, and its rectifier.
+    #[must_use]
+    pub fn calibration_words(&self) -> [usize; 2] {
+        self.calibration.map_or([0; 2], |calibration| {
+            let Calibration {
+                bytes,
+                rectifier_words,
+                ..
+            } = calibration;
+            [bytes.div_ceil(4) as usize, rectifier_words as usize]
+        })
+    }
+
+    /// Bytes of the lent memory that session, matcher, rectifier and rectification take.
     #[must_use]
     pub fn working_bytes(&self) -> usize {
+        let [rectification, rectifier] = self.calibration_words();
         let words = session::memory_words(&self.geometry) + self.config().memory_words();
-        words * size_of::<u32>()
+        (words + rectification + rectifier) * size_of::<u32>()
     }
 }
 
@@ -75,6 +109,14 @@ impl fmt::Display for Request {
         write!(f, "disparities={count} frames={}", self.frames)?;
         if self.hamming_alone {
             f.write_str(" costs=hamming")?;
+        }
+        if let Some(calibration) = self.calibration {
+            let Calibration {
+                bytes,
+                rectifier_words,
+                width,
+            } = calibration;
+            write!(f, " calibration={bytes}:{rectifier_words}:{width}")?;
         }
         for fault in &self.faults {
             write!(f, " fault={fault}")?;
@@ -110,6 +152,7 @@ impl FromStr for Request {
                 height: 0,
                 format: PixelFormat::Grey8,
             },
+            calibration: None,
             disparities: DisparityRange::up_to(0),
             frames: 1,
             faults: Vec::new(),
@@ -129,6 +172,15 @@ impl FromStr for Request {
                 "disparities" => request.disparities.count = value(text)?,
                 "costs" if text == "hamming" => request.hamming_alone = true,
                 "frames" => request.frames = value(text)?,
+                "calibration" => {
+                    let mut parts = text.splitn(3, ':');
+                    let mut part = || parts.next().ok_or(NotARequest);
+                    request.calibration = Some(Calibration {
+                        bytes: value(part()?)?,
+                        rectifier_words: value(part()?)?,
+                        width: value(part()?)?,
+                    });
+                }
                 "fault" => {
                     let fault = value(text)?;
                     request.faults.push(fault).map_err(|_| NotARequest)?;
@@ -171,6 +223,7 @@ mod tests {
                         height: 240,
                         format,
                     },
+                    calibration: None,
                     disparities: DisparityRange {
                         minimum_px: -3,
                         count: 48,
@@ -180,6 +233,11 @@ mod tests {
                 };
                 assert_eq!(request.to_string().parse(), Ok(request.clone()));
                 request.hamming_alone = true;
+                request.calibration = Some(Calibration {
+                    bytes: 9_001,
+                    rectifier_words: 77,
+                    width: 300,
+                });
                 assert_eq!(request.to_string().parse(), Ok(request.clone()));
                 let kind = FaultKind::Error(ErrorKind::Bus);
                 let (frame, line) = (u32::MAX, u32::MAX);
@@ -205,6 +263,7 @@ mod tests {
             "pixels=",
             "costs=",
             "fault=1",
+            "calibration=1:2",
         ] {
             assert_eq!(words.parse::<Request>(), Err(NotARequest), "{words}");
         }

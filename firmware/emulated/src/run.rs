@@ -7,18 +7,21 @@ use defmt_semihosting as _;
 use semihosting::fs::File;
 use semihosting::process;
 use semihosting::sys::arm_compat::sys_get_cmdline_uninit;
+use vgstereo_core::geometry::{Rectification, Rectifier};
+use vgstereo_core::rows::Arena;
 use vgstereo_core::{Kernels, Matcher};
 use vgstereo_firmware::scripted::FaultyCamera;
 use vgstereo_firmware::session::{self, ATTEMPT_FRAMES};
+use vgstereo_firmware::watchdog::NoWatchdog;
 use vgstereo_firmware::{Event, Session, Statistics};
 
-use crate::camera::FileCamera;
+use crate::camera::{self, FileCamera};
 use crate::meter::{Counter, Meter, Metered, Stage};
 use crate::report::Report;
-use crate::request::Request;
+use crate::request::{Calibration, Request};
 use crate::sink::{self, FileSink};
 use crate::stack::Stack;
-use crate::{CONFIDENCES_FILE, DISPARITIES_FILE, LINES_FILE, REPORT_FILE};
+use crate::{CALIBRATION_FILE, CONFIDENCES_FILE, DISPARITIES_FILE, LINES_FILE, REPORT_FILE};
 
 /// Largest length of the command line, bytes.
 const COMMAND_LINE_BYTES: usize = 1024;
@@ -65,6 +68,10 @@ fn serve<C: Counter>(
     let (lines, memory) = memory
         .split_at_mut_checked(line_words)
         .ok_or(Refusal("the lines do not fit the lent memory"))?;
+    let [rectification_words, rectifier_words] = request.calibration_words();
+    let (calibration, memory) = memory
+        .split_at_mut_checked(rectification_words + rectifier_words)
+        .ok_or(Refusal("the calibration does not fit the lent memory"))?;
     let matcher = Matcher::new(&config, Metered::new(kernels, &meter), memory);
     let matcher = matcher.map_err(|_| Refusal("the matcher refuses the configuration"))?;
 
@@ -77,7 +84,13 @@ fn serve<C: Counter>(
     );
     let camera = Metered::new(camera, &meter);
     let sink = Metered::new(sink, &meter);
-    let session = Session::new(camera, matcher, sink, lines);
+    let session = match request.calibration {
+        None => Session::new(camera, matcher, sink, lines),
+        Some(stated) => {
+            let rectifier = rectifier(stated, &request, calibration, matcher.kernels())?;
+            Session::rectifying(camera, rectifier, matcher, sink, lines, NoWatchdog)
+        }
+    };
     let mut session = session.map_err(|_| Refusal("the session refuses the camera"))?;
 
     let reads = request.frames.saturating_add(request.faults.len() as u32);
@@ -99,6 +112,30 @@ fn serve<C: Counter>(
         working_bytes: request.working_bytes() as u32,
         stack_bytes: 0,
     })
+}
+
+/// Reads the rectification into `memory`, and builds the rectifier behind it.
+fn rectifier<K: Kernels>(
+    stated: Calibration,
+    request: &Request,
+    memory: &'static mut [u32],
+    kernels: K,
+) -> Result<Rectifier<'static, 'static, K>, Refusal> {
+    let [words, _] = request.calibration_words();
+    let (bytes, memory) = memory
+        .split_at_mut_checked(words)
+        .ok_or(Refusal("the rectification does not fit the lent memory"))?;
+    let bytes: &'static mut [u8] = Arena::new(bytes)
+        .take(stated.bytes as usize)
+        .map_err(|_| Refusal("the rectification does not fit the lent memory"))?;
+    let unreadable = Refusal("the rectification cannot be read");
+    let file = File::open(CALIBRATION_FILE).map_err(|_| Refusal("there is no rectification"))?;
+    camera::read_exactly(&file, bytes).map_err(|_| unreadable)?;
+    let rectification =
+        Rectification::from_bytes(bytes).map_err(|_| Refusal("the rectification is not valid"))?;
+    let colour = request.config().colour;
+    Rectifier::new(rectification, colour, kernels, memory)
+        .map_err(|_| Refusal("the rectifier does not fit the lent memory"))
 }
 
 /// Logs each number by itself: the logger asserts, and formatting the whole statistics would be

@@ -31,6 +31,17 @@ pub enum SessionError {
         /// Number of the region's first line, counted from 0 at the top of the frame.
         first_line: u32,
     },
+    /// The rectification is not for the camera's frames or not for the matcher's lines.
+    Rectification {
+        /// Width and height of the camera's frames.
+        camera_px: [u32; 2],
+        /// Width and height of the frames that the rectification is for.
+        raw_px: [u16; 2],
+        /// Width of its rectified lines, in pixels.
+        rectified_px: u16,
+        /// Width of the lines that the matcher is configured for, in pixels.
+        matcher_px: u16,
+    },
     /// The lent memory has fewer words than [`memory_words`](super::memory_words) asks for.
     Memory(OutOfMemory),
 }
@@ -55,6 +66,16 @@ impl fmt::Display for SessionError {
             } => write!(
                 f,
                 "the camera's frames have {camera_lines} lines, the region begins at line {first_line}"
+            ),
+            Self::Rectification {
+                camera_px: [width, height],
+                raw_px: [raw_width, raw_height],
+                rectified_px,
+                matcher_px,
+            } => write!(
+                f,
+                "the rectification is from {raw_width}x{raw_height} px to lines of {rectified_px} px; the \
+                 camera's frames have {width}x{height} px, the matcher's lines {matcher_px} px"
             ),
             Self::Memory(error) => error.fmt(f),
         }
@@ -129,6 +150,15 @@ mod tests {
                     first_line: 500,
                 },
                 ["480 lines", "line 500"],
+            ),
+            (
+                SessionError::Rectification {
+                    camera_px: [320, 240],
+                    raw_px: [640, 480],
+                    rectified_px: 640,
+                    matcher_px: 320,
+                },
+                ["640x480", "320x240"],
             ),
             (OutOfMemory.into(), ["memory", "smaller"]),
         ] {

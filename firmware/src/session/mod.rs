@@ -1,4 +1,5 @@
-//! The session: one camera, one matcher, one sink, and what to do when a frame breaks.
+//! The session: one camera, a rectifier if its views are not rectified, one matcher, one sink, and
+//! what to do when a frame breaks.
 //!
 //! Pairs of lines must come numbered 0, 1, 2, ... to the last line of the frame. Anything
 //! else - an error, a gap, a pair that comes twice, a pair of another frame - drops the
@@ -18,8 +19,9 @@ pub use patience::{PATIENCE_FRAMES, Patience};
 pub use statistics::Statistics;
 
 use crate::camera::{Error, Geometry, LinePair, LinePairSource, RawLine};
+use vgstereo_core::geometry::Rectifier;
 use vgstereo_core::rows::{Arena, words};
-use vgstereo_core::{Kernels, Matcher, Region};
+use vgstereo_core::{Kernels, Line, Matcher, Region};
 
 use crate::fault::Fault;
 use crate::sink::{DisparitySink, FrameInfo};
@@ -45,6 +47,7 @@ pub const fn memory_words(geometry: &Geometry) -> usize {
 #[derive(Debug)]
 pub struct Session<'m, C, K, S, W = NoWatchdog> {
     camera: C,
+    rectifier: Option<Rectifier<'m, 'm, K>>,
     matcher: Matcher<'m, K>,
     sink: S,
     watchdog: W,
@@ -86,6 +89,60 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
     /// memory is too small.
     pub fn with_watchdog(
         camera: C,
+        matcher: Matcher<'m, K>,
+        sink: S,
+        memory: &'m mut [u32],
+        watchdog: W,
+    ) -> Result<Self, SessionError> {
+        let (camera_px, matcher_px) = (camera.geometry().width, matcher.config().width);
+        if camera_px != matcher_px {
+            return Err(SessionError::Width {
+                camera_px,
+                matcher_px,
+            });
+        }
+        let height = camera.geometry().height;
+        Self::build(camera, None, height, matcher, sink, memory, watchdog)
+    }
+
+    /// Returns a session as [`Session::with_watchdog`] does whose camera is not rectified: its raw
+    /// lines go through `rectifier`, and the matcher gets the rectified ones. A raw pair may complete
+    /// none, one or several lines of disparities; all of a frame have come with its last pair.
+    ///
+    /// # Errors
+    /// [`SessionError`] when the rectification does not suit the camera or the matcher, when the camera's
+    /// geometry does not suit the matcher, or the lent memory is too small.
+    pub fn rectifying(
+        camera: C,
+        rectifier: Rectifier<'m, 'm, K>,
+        matcher: Matcher<'m, K>,
+        sink: S,
+        memory: &'m mut [u32],
+        watchdog: W,
+    ) -> Result<Self, SessionError> {
+        let geometry = camera.geometry();
+        let rectification = rectifier.rectification();
+        let raw_px = [rectification.raw_width, rectification.raw_height];
+        let camera_px = [geometry.width.into(), geometry.height];
+        let (rectified_px, matcher_px) = (rectification.width, matcher.config().width);
+        if camera_px != raw_px.map(u32::from) || rectified_px != matcher_px {
+            return Err(SessionError::Rectification {
+                camera_px,
+                raw_px,
+                rectified_px,
+                matcher_px,
+            });
+        }
+        let height = rectification.height.into();
+        let rectifier = Some(rectifier);
+        Self::build(camera, rectifier, height, matcher, sink, memory, watchdog)
+    }
+
+    /// A session whose matcher gets frames of `height` lines.
+    fn build(
+        camera: C,
+        mut rectifier: Option<Rectifier<'m, 'm, K>>,
+        height: u32,
         mut matcher: Matcher<'m, K>,
         sink: S,
         memory: &'m mut [u32],
@@ -93,33 +150,31 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
     ) -> Result<Self, SessionError> {
         let geometry = camera.geometry();
         let config = matcher.config();
-        if geometry.width != config.width {
-            return Err(SessionError::Width {
-                camera_px: geometry.width,
-                matcher_px: config.width,
-            });
-        }
         if config.colour && geometry.format.is_grey() {
             return Err(SessionError::Colour {
                 camera: geometry.format,
             });
         }
         let region = config.region;
-        if geometry.height <= region.y {
+        if height <= region.y {
             return Err(SessionError::Height {
-                camera_lines: geometry.height,
+                camera_lines: height,
                 first_line: region.y,
             });
         }
         let region = Region {
-            height: region.height.min(geometry.height.saturating_sub(region.y)),
+            height: region.height.min(height.saturating_sub(region.y)),
             ..region
         };
         let mut arena = Arena::new(memory);
         let line_bytes = geometry.line_bytes();
         matcher.reset();
+        if let Some(rectifier) = &mut rectifier {
+            rectifier.reset();
+        }
         Ok(Self {
             camera,
+            rectifier,
             matcher,
             sink,
             watchdog,
@@ -253,15 +308,30 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
         let (format, kernels) = (self.geometry.format, self.matcher.kernels());
         let [left, right] =
             [&*self.left, &*self.right].map(|bytes| RawLine::new(format, bytes, kernels));
-        let given = match self.matcher.push(&left, &right) {
-            Ok(Some(disparities)) => self.sink.line(frame, &disparities),
-            Ok(None) => Ok(()),
-            Err(error) => return Ok(self.fail(Fault::Matcher(error))),
-        };
+        let (matcher, sink) = (&mut self.matcher, &mut self.sink);
+        let mut given = Ok(());
+        match &mut self.rectifier {
+            None => given = give(matcher, sink, frame, &left, &right),
+            Some(rectifier) => match rectifier.push(&left, &right) {
+                Ok(()) => {
+                    while let Some([left, right]) = rectifier.next_pair() {
+                        given = give(matcher, sink, frame, &left, &right);
+                        if given.is_err() {
+                            break;
+                        }
+                    }
+                }
+                Err(error) => given = Err(Failure::Fault(Fault::Rectifier(error))),
+            },
+        }
         let is_whole = self.sync.is_whole();
-        let given = given.and_then(|()| if is_whole { self.end_frame() } else { Ok(()) });
-        if let Err(error) = given {
-            return Err(self.fail_with_sink(error));
+        if given.is_ok() && is_whole {
+            given = self.end_frame().map_err(Failure::Sink);
+        }
+        match given {
+            Ok(()) => {}
+            Err(Failure::Fault(fault)) => return Ok(self.fail(fault)),
+            Err(Failure::Sink(error)) => return Err(self.fail_with_sink(error)),
         }
         if !is_whole {
             return Ok(Event::Line { frame, line });
@@ -275,6 +345,9 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
     fn end_frame(&mut self) -> Result<(), S::Error> {
         while let Some(disparities) = self.matcher.finish() {
             self.sink.line(self.info.frame, &disparities)?;
+        }
+        if let Some(rectifier) = &mut self.rectifier {
+            rectifier.reset();
         }
         self.sink.end_frame(&self.info)
     }
@@ -297,8 +370,32 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
     fn abort(&mut self, frame: Option<u32>, fault: Fault) {
         if let Some(frame) = frame {
             self.matcher.reset();
+            if let Some(rectifier) = &mut self.rectifier {
+                rectifier.reset();
+            }
             self.sink.abort_frame(frame, fault);
         }
+    }
+}
+
+/// Why a pair of lines did not reach the sink.
+enum Failure<E> {
+    Fault(Fault),
+    Sink(E),
+}
+
+/// Gives the matcher a pair of lines, and the sink the line of disparities that this completes, if any.
+fn give<K: Kernels, S: DisparitySink>(
+    matcher: &mut Matcher<'_, K>,
+    sink: &mut S,
+    frame: u32,
+    left: &impl Line,
+    right: &impl Line,
+) -> Result<(), Failure<S::Error>> {
+    match matcher.push(left, right) {
+        Ok(Some(disparities)) => sink.line(frame, &disparities).map_err(Failure::Sink),
+        Ok(None) => Ok(()),
+        Err(error) => Err(Failure::Fault(Fault::Matcher(error))),
     }
 }
 

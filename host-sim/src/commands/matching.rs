@@ -8,15 +8,15 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use image::ImageFormat;
-use vgstereo_core::geometry::{Depth, Rectification};
+use vgstereo_core::geometry::Depth;
 use vgstereo_core::{Config, DisparityRange, Preset, Reference};
 use vgstereo_kernels::NativeKernels;
 
 use crate::arguments::{Overrides, RectifiedViews, name_of, output_of, parse_preset};
-use crate::calibration::{Rectified, rectify};
+use crate::cameras::Cameras;
 use crate::depth_files::DepthFormat;
 use crate::disparity_files::{DisparityFormat, grey_png};
-use crate::files::{encode, ensure_distinct_outputs, make_folder, read_all, write_files};
+use crate::files::{encode, ensure_distinct_outputs, make_folder, write_files};
 use crate::frame::match_frame;
 use crate::images::{ImageFile, ViewImages, bits_note, parse_bits};
 use crate::pair_check::hints;
@@ -182,7 +182,7 @@ impl Match {
         // What can be refused is, before anything is decoded.
         let left = ImageFile::open(&self.left)?;
         let right = ImageFile::open(&self.right)?;
-        let cameras = Cameras::of(&self, left.dimensions())?;
+        let cameras = Cameras::read(&self.calibration, &self.views, left.dimensions())?;
         let rectification = cameras.rectification()?;
         let (width, height) = match &rectification {
             Some(r) => (u32::from(r.width), u32::from(r.height)),
@@ -349,83 +349,5 @@ impl Match {
             "disparities from {minimum} to {d_max} do not fit a width of {width} px (2047 px at most)"
         );
         Ok(range)
-    }
-}
-
-/// What is known of the cameras: nothing, or their rectification and what it was made from.
-enum Cameras {
-    Unknown,
-    Stored(Vec<u8>),
-    Calibrated(Box<Rectified>),
-}
-
-impl Cameras {
-    /// Reads the files of `--calibration`, for images of this size.
-    fn of(arguments: &Match, (width, height): (u32, u32)) -> Result<Self> {
-        let files = read_all(&arguments.calibration)?;
-        match files.as_slice() {
-            [] => {
-                let defaults = RectifiedViews::default();
-                ensure!(
-                    arguments.views == defaults,
-                    "--view-size, --keep, --projection, --unit, --cropped and --binned need --calibration"
-                );
-                Ok(Self::Unknown)
-            }
-            [(name, bytes)] if bytes.starts_with(b"VGRF") => {
-                ensure!(
-                    arguments.views == RectifiedViews::default(),
-                    "{name} is made already: give --view-size, --keep and the like to vgstereo calibration"
-                );
-                Rectification::from_bytes(bytes).with_context(|| name.clone())?;
-                Ok(Self::Stored(bytes.clone()))
-            }
-            files => {
-                let size = [u16::try_from(width)?, u16::try_from(height)?];
-                let made = rectify(files, &arguments.views.options(Some(size))?)?;
-                Ok(Self::Calibrated(Box::new(made)))
-            }
-        }
-    }
-
-    fn rectification(&self) -> Result<Option<Rectification<'_>>> {
-        Ok(match self {
-            Self::Unknown => None,
-            Self::Stored(bytes) => Some(Rectification::from_bytes(bytes)?),
-            Self::Calibrated(made) => Some(made.maps.rectification()?),
-        })
-    }
-
-    /// What is told of the cameras: nothing if they are unknown.
-    fn told(&self) -> Result<String> {
-        let Some(r) = self.rectification()? else {
-            return Ok(String::new());
-        };
-        let focal_px = f64::from(r.focal_q8) / 256.0;
-        let baseline = r.depth.map_or_else(
-            || "baseline unknown".to_owned(),
-            |depth| {
-                let baseline_mm = f64::from(depth.numerator_q8()) / f64::from(r.focal_q8);
-                format!("baseline {baseline_mm:.1} mm")
-            },
-        );
-        let mut text = format!(
-            "rectified from {}x{} px: focal length {focal_px:.1} px, {baseline}; {} and {} raw lines are kept\n",
-            r.raw_width,
-            r.raw_height,
-            r.left.kept_lines(),
-            r.right.kept_lines()
-        );
-        for warning in self.warnings() {
-            writeln!(text, "warning: {warning}")?;
-        }
-        Ok(text)
-    }
-
-    fn warnings(&self) -> &[String] {
-        match self {
-            Self::Calibrated(made) => &made.calibration.warnings,
-            Self::Unknown | Self::Stored(_) => &[],
-        }
     }
 }

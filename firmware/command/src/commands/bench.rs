@@ -175,6 +175,7 @@ fn as_text(rows: &[Row]) -> String {
         "preset",
         "size",
         "total",
+        "rectifi-\ncation",
         "sampling",
         "masks",
         "Hamming",

@@ -8,7 +8,8 @@ use clap::Args;
 use vgstereo_core::{DisparityRange, Preset};
 use vgstereo_firmware::camera::PixelFormat;
 use vgstereo_firmware::scripted::{NotAFault, ScriptedFault};
-use vgstereo_sim::arguments::parse_preset;
+use vgstereo_sim::arguments::{RectifiedViews, parse_preset};
+use vgstereo_sim::cameras::Cameras;
 use vgstereo_sim::disparity_files::DisparityFormat;
 use vgstereo_sim::files::write_files;
 use vgstereo_sim::images::{ImageFile, ViewImages};
@@ -37,12 +38,18 @@ pub struct Run {
     /// The board: stm32f405, mps2-an500, riscv-virt, riscv-virt-zbb or stm32h743.
     #[arg(long, value_name = "B", value_parser = parse_board)]
     board: Board,
-    /// Left image: PNG, PPM, PGM or JPEG, rectified.
+    /// Left image: PNG, PPM, PGM or JPEG, rectified unless --calibration is given.
     #[arg(long, value_name = "FILE", requires = "right")]
     left: Option<PathBuf>,
     /// Right image, of the same size.
     #[arg(long, value_name = "FILE", requires = "left")]
     right: Option<PathBuf>,
+    /// Calibration of the cameras, as for `vgstereo match`: the images are raw, and the board
+    /// rectifies them.
+    #[arg(long, value_name = "FILE", num_args = 1.., requires = "left")]
+    calibration: Vec<PathBuf>,
+    #[command(flatten)]
+    views: RectifiedViews,
     /// Folder of a scene, as `vgstereo eval` reads them. A small board gets the scene in grey
     /// and half as large.
     #[arg(long, value_name = "DIR", conflicts_with = "left")]
@@ -103,9 +110,10 @@ impl Run {
         );
         let ran = emulator::run_logged(&self.board, &firmware, &pair, &request, Clock::Host)?;
         let (frames, report, log) = ran;
-        let (width, height) = pair.left.dimensions();
+        let width = request.width().into();
         let all_q4 = frames.disparities_q4();
-        let last_q4 = all_q4.chunks_exact(width as usize * height as usize).last();
+        let pixels = all_q4.len() / self.frames as usize;
+        let last_q4 = all_q4.chunks_exact(pixels.max(1)).last();
         let last_q4 = last_q4.with_context(|| format!("{} gave no frame", self.board.name))?;
         write_files(&[(&self.out, format.encode(last_q4, width)?)])?;
         let mut text = format!(
@@ -134,6 +142,11 @@ impl Run {
         pair: &Pair,
         format: DisparityFormat,
     ) -> Result<String> {
+        ensure!(
+            pair.rectification.is_none(),
+            "--calibration: the firmware of {} has its calibration built in",
+            self.board.name
+        );
         ensure!(
             self.preset == built_for.preset,
             "the firmware of {} is built for {}",
@@ -190,8 +203,11 @@ impl Run {
                 |built_for| model::built_in_pair(&built_for),
             ));
         };
-        let views = ViewImages::decode(&ImageFile::open(left)?, &ImageFile::open(right)?, None)?;
+        let (left_file, right_file) = (ImageFile::open(left)?, ImageFile::open(right)?);
+        let cameras = Cameras::read(&self.calibration, &self.views, left_file.dimensions())?;
+        let views = ViewImages::decode(&left_file, &right_file, None)?;
         Ok(Pair {
+            rectification: cameras.bytes().map(<[u8]>::to_vec),
             name: left.display().to_string(),
             left: views.left,
             right: views.right,

@@ -25,7 +25,8 @@ const SCENES: [&str; 4] = ["tsukuba", "venus", "teddy", "cones"];
 /// The arguments of `verify`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Every preset that fits a board's memory, on the built-in scene and, where the \
+    after_help = "Every preset that fits a board's memory, on the built-in scene, on raw lines that are \
+    rectified first (crooked) and, where the \
     environment variable MIDDLEBURY_DIR names their folder, on Tsukuba, Venus, Teddy and Cones: \
     in grey and half as large on a small board, whole and in colour on the others.\n\nThe real \
     board runs the firmware that is flashed on a model of its chip: one frame of the built-in \
@@ -116,7 +117,11 @@ impl Verify {
     /// Returns the pairs that a board is verified on: two sizes of the built-in scene, and the
     /// scenes in `folder` if there is one.
     fn pairs(&self, board: &Board, folder: Option<&Path>) -> Result<Vec<Pair>> {
-        let mut pairs = vec![Pair::rendered(160, 120, 32), Pair::rendered(320, 240, 48)];
+        let mut pairs = vec![
+            Pair::rendered(160, 120, 32),
+            Pair::rendered(320, 240, 48),
+            Pair::crooked(160, 120, 32)?,
+        ];
         for scene in SCENES {
             if let Some(folder) = folder {
                 pairs.push(Pair::load(&folder.join(scene), board)?);
