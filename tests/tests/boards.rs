@@ -93,7 +93,7 @@ fn same_bytes_of_raw_lines(board: &Board) -> Result<(), Failed> {
     for format in [PixelFormat::Grey8, PixelFormat::Rgb888] {
         let pair = Pair {
             format,
-            ..Pair::crooked(64, 40, 16).map_err(text)?
+            ..Pair::crooked(64, 40, 16, true).map_err(text)?
         };
         for preset in [Preset::Lite, Preset::Paper] {
             let request = pair.request(preset, 2, &[fault]).map_err(text)?;

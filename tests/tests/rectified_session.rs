@@ -35,7 +35,7 @@ fn frames_are_those_of_views_rectified_whole_after_every_fault() {
     for format in [PixelFormat::Grey8, PixelFormat::Rgb888] {
         let pair = Pair {
             format,
-            ..Pair::crooked(WIDTH, HEIGHT, 16).unwrap()
+            ..Pair::crooked(WIDTH, HEIGHT, 16, true).unwrap()
         };
         for preset in [Preset::Lite, Preset::Micro, Preset::Paper] {
             let (disparities, confidences) = rectified_whole(&pair, preset);
@@ -59,7 +59,7 @@ fn frames_are_those_of_views_rectified_whole_after_every_fault() {
 
 #[test]
 fn a_rectification_for_others_is_refused() {
-    let pair = Pair::crooked(WIDTH, HEIGHT, 16).unwrap();
+    let pair = Pair::crooked(WIDTH, HEIGHT, 16, true).unwrap();
     let bytes = pair.rectification.clone().unwrap();
     let rectification = Rectification::from_bytes(&bytes).unwrap();
     let refused = |camera_of: &Pair, width: u16| {

@@ -56,12 +56,13 @@ impl Pair {
     }
 
     /// Returns the built-in scene as [`Pair::rendered`] does, taken for what two distorted cameras
-    /// see that are turned against each other. What a board makes of it shows no scene, but every step
+    /// see that are turned against each other; with `all` that they see, also with pixels at the borders
+    /// that no camera saw. What a board makes of it shows no scene, but every step
     /// of the rectification.
     ///
     /// # Errors
     /// Fails when no pixel of such views would be seen by both cameras.
-    pub fn crooked(width: u16, height: u16, disparities: u16) -> Result<Self> {
+    pub fn crooked(width: u16, height: u16, disparities: u16, all: bool) -> Result<Self> {
         let middle = |px: u16| f64::from(px - 1) / 2.0;
         let focal_px = f64::from(width);
         let camera = |distortion: [f64; 4], offset_px: f64| {
@@ -87,7 +88,7 @@ impl Pair {
             warnings: Vec::new(),
         };
         let size = [width, height];
-        let views = RectifiedPair::compute(&calibration, size, size, true)?;
+        let views = RectifiedPair::compute(&calibration, size, size, all)?;
         let maps = Maps::new(&views, calibration.unit_mm, Interpolation::Bilinear)?;
         Ok(Self {
             name: "crooked".to_owned(),

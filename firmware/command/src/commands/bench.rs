@@ -35,6 +35,9 @@ const CASES: [(Board, u32, u32, u16, &[Preset]); 5] = [
     (RISCV_VIRT_ZBB, 320, 240, 48, &[Preset::Lite, Preset::Micro]),
 ];
 
+/// A case whose lines are raw, and rectified first: by resampling both views.
+const RECTIFIED: (Board, u16, u16, u16, Preset) = (STM32F405, 320, 240, 48, Preset::Lite);
+
 /// The name of the rows that measure the Hamming stage alone: distances of patterns of 64
 /// cells, without masks and without differences of levels.
 pub const HAMMING: &str = "hamming-64";
@@ -64,6 +67,8 @@ pub struct Row {
     pub board: &'static str,
     /// The name of the preset, or [`HAMMING`].
     pub preset: &'static str,
+    /// Whether the lines are raw, and rectified first.
+    pub is_rectified: bool,
     /// The width of each view, px.
     pub width: u32,
     /// The height of each view, px.
@@ -102,7 +107,7 @@ impl Bench {
         let boards = self.selection.boards();
         ensure_complete(&boards)?;
         let mut cases = Vec::new();
-        for board in boards {
+        for &board in &boards {
             let firmware = build(&board)?;
             for &(of, width, height, disparities, presets) in &CASES {
                 if of == board {
@@ -117,6 +122,12 @@ impl Bench {
                     }
                 }
             }
+        }
+        let (board, width, height, disparities, preset) = RECTIFIED;
+        if boards.contains(&board) {
+            let pair = Pair::crooked(width, height, disparities, false)?;
+            let request = pair.request(preset, 1, &[])?;
+            cases.push((board, build(&board)?, pair, request));
         }
         let bar = progress_bar(cases.len() as u64, "counting instructions");
         let rows: Result<Vec<Row>> = cases
@@ -145,6 +156,7 @@ impl Bench {
                         true => HAMMING,
                         false => request.preset.name(),
                     },
+                    is_rectified: pair.rectification.is_some(),
                     width,
                     height,
                     disparities,
@@ -163,6 +175,17 @@ impl Bench {
         }
         Ok(as_text(&boards))
     }
+}
+
+/// Instructions per pixel of the resampling of both views, in the case that has it.
+fn per_pixel(rows: &[Row]) -> String {
+    let row = rows.iter().find(|row| row.is_rectified);
+    let each = row.and_then(|row| {
+        let mut stages = row.stages.iter();
+        let (_, each) = stages.find(|(name, _)| *name == Stage::Rectification.name())?;
+        Some(each * f64::from(row.disparities))
+    });
+    each.map_or_else(|| "no".to_owned(), |each| format!("{each:.1}"))
 }
 
 fn thousandths(value: f64) -> f64 {
@@ -195,7 +218,11 @@ fn as_text(rows: &[Row]) -> String {
             * f64::from(row.disparities);
         let mut cells = vec![
             row.board.to_owned(),
-            row.preset.to_owned(),
+            if row.is_rectified {
+                format!("{}, raw", row.preset)
+            } else {
+                row.preset.to_owned()
+            },
             format!("{}x{}x{}", row.width, row.height, row.disparities),
             format!("{:.1}", row.instructions_per_pixel_disparity),
         ];
@@ -213,6 +240,8 @@ fn as_text(rows: &[Row]) -> String {
         table.add_row(cells);
     }
     format!(
-        "{table}\ninstructions (not cycles) per pixel and disparity, in all and per stage; built-in scene, grey\n"
+        "{table}\ninstructions (not cycles) per pixel and disparity, in all and per stage; built-in scene, grey; \
+         raw: lines that are rectified first, {} instructions per pixel for resampling both views\n",
+        per_pixel(rows)
     )
 }

@@ -120,7 +120,7 @@ impl Verify {
         let mut pairs = vec![
             Pair::rendered(160, 120, 32),
             Pair::rendered(320, 240, 48),
-            Pair::crooked(160, 120, 32)?,
+            Pair::crooked(160, 120, 32, true)?,
         ];
         for scene in SCENES {
             if let Some(folder) = folder {
