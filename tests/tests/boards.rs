@@ -1,9 +1,10 @@
 //! Tests on the emulated boards: results equal to the host's, exact counters under faults,
-//! repeatable instruction counts. And tests of the real board, whose firmware runs as it is flashed
-//! on a model of its chip.
+//! repeatable instruction counts. And tests of the real boards: no panics, and, of the one
+//! whose chip has a model, the firmware that is flashed, run on that.
 //!
-//! A board is tested if its compiler and emulator are installed (`cargo firmware setup`), and the
-//! real board if its model can be built; otherwise its tests are listed as ignored.
+//! A board is tested if its compiler and emulator are installed (`cargo firmware setup`), and a
+//! modelled one if its model can be built; otherwise its tests are listed as ignored. So are the long
+//! ones of the modelled board: `-- --include-ignored stm32h743` runs them as well.
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use rand_core::{Rng, SeedableRng};
@@ -45,25 +46,32 @@ const TESTS: [(&str, BoardTest); 9] = [
     ("memory", within_the_memory_promised),
 ];
 
-/// Tests of each modelled board, ignored if its model cannot be built.
-const MODEL_TESTS: [(&str, BoardTest); 3] = [
-    ("frame", one_frame_as_on_the_host),
-    ("wires", recovers_from_faults_at_the_wires),
-    ("sensors", waits_for_sensors_and_sets_them_up_again),
+/// Tests of each modelled board, ignored if its model cannot be built, and whether each is long. Long
+/// ones are ignored unless they are asked for.
+const MODEL_TESTS: [(&str, BoardTest, bool); 6] = [
+    ("frames", two_frames_as_on_the_host_and_a_fault, false),
+    ("wires", recovers_from_faults_at_the_wires, true),
+    ("stuck_wires", recovers_from_stuck_wires, true),
+    ("sensors", waits_for_sensors_and_sets_them_up_again, true),
+    ("strangers", waits_out_another_chip_and_a_stuck_bus, true),
+    ("hung_bus", restarts_when_a_bus_hangs, true),
 ];
 
 fn main() {
     let mut trials = Vec::new();
-    for board in Board::modelled() {
+    for board in Board::real() {
         let unbuilt = toolchain::ensure_complete(&[board]).is_err();
         let name = format!("{}::panics", board.name);
         let trial = Trial::test(name, move || no_panic_in_the_pipeline(&board));
         trials.push(trial.with_ignored_flag(unbuilt));
+    }
+    for board in Board::modelled() {
+        let unbuilt = toolchain::ensure_complete(&[board]).is_err();
         let absent = unbuilt || ModelCompiler::find().is_none();
-        for (name, test) in MODEL_TESTS {
+        for (name, test, is_long) in MODEL_TESTS {
             let name = format!("{}::{name}", board.name);
             let trial = Trial::test(name, move || test(&board));
-            trials.push(trial.with_ignored_flag(absent));
+            trials.push(trial.with_ignored_flag(absent || is_long));
         }
     }
     for board in Board::emulated() {
@@ -267,8 +275,12 @@ fn within_the_memory_promised(board: &Board) -> Result<(), Failed> {
 }
 
 /// Runs a modelled board, and asserts that each frame that it calls done equals the host's, that
-/// its chip was not reset and refused nothing, and that its watchdog stays far from its end.
-fn run_modelled(board: &Board, scenario: &Scenario) -> Result<Ran, Failed> {
+/// its chip took every access, and that the watchdog has restarted it so many times.
+fn run_modelled_restarted(
+    board: &Board,
+    scenario: &Scenario,
+    restarts: usize,
+) -> Result<Ran, Failed> {
     let built_for = board.model.ok_or("the board has a model")?;
     let program = model::build(board).map_err(text)?;
     let firmware = build(board).map_err(text)?;
@@ -283,9 +295,16 @@ fn run_modelled(board: &Board, scenario: &Scenario) -> Result<Ran, Failed> {
             frame.number
         );
     }
-    let none: [&str; 0] = [];
-    assert_eq!(ran.report.resets, none);
-    assert_eq!(ran.report.refused, none);
+    ran.report.ensure_all_accesses_taken().map_err(text)?;
+    let resets = &ran.report.resets;
+    assert_eq!(resets.len(), restarts, "{resets:?}");
+    Ok(ran)
+}
+
+/// Runs a modelled board as [`run_modelled_restarted`] does, and asserts that its watchdog, which
+/// waits for 3.7 s, stays far from its end.
+fn run_modelled(board: &Board, scenario: &Scenario) -> Result<Ran, Failed> {
+    let ran = run_modelled_restarted(board, scenario, 0)?;
     assert!(ran.report.longest_hunger_ms < 3000);
     Ok(ran)
 }
@@ -301,18 +320,25 @@ fn logged(ran: &Ran, part: &str) -> usize {
     ran.log.iter().filter(|line| line.contains(part)).count()
 }
 
-fn one_frame_as_on_the_host(board: &Board) -> Result<(), Failed> {
+/// Two whole frames, and between them one with a line that is too short.
+fn two_frames_as_on_the_host_and_a_fault(board: &Board) -> Result<(), Failed> {
     let scenario = Scenario {
-        frames: 1,
+        frames: 3,
+        faults: vec![ScriptedFault {
+            frame: 1,
+            line: 20,
+            kind: FaultKind::Error(ErrorKind::ShortLine),
+        }],
         until_ms: 10_000,
         ..Scenario::default()
     };
     let ran = run_modelled(board, &scenario)?;
-    assert_eq!(whole_frames(&ran), [0]);
+    assert_eq!(whole_frames(&ran), [0, 2]);
     assert_eq!(ran.report.armed, [1, 1]);
-    assert_eq!(logged(&ran, "warn"), 0);
+    assert_eq!(logged(&ran, "Camera(ShortLine)"), 1);
+    assert_eq!(logged(&ran, "warn"), 1);
     // The watchdog is fed once for each line, and started.
-    assert!(ran.report.meals > 240);
+    assert!(ran.report.meals > 2 * 240);
     Ok(())
 }
 
@@ -351,14 +377,14 @@ fn recovers_from_faults_at_the_wires(board: &Board) -> Result<(), Failed> {
 fn waits_for_sensors_and_sets_them_up_again(board: &Board) -> Result<(), Failed> {
     let scenario = Scenario {
         frames: 3,
-        absences: vec![
+        troubles: vec![
             // Both are late, the right one more.
-            ("left", 0, 400),
-            ("right", 0, 1100),
+            ("left-absent", 0, 400),
+            ("right-absent", 0, 1100),
             // In the first frame the right sensor is unplugged for a moment, whose syncs the port
             // does not take, and in the second one the left sensor for longer.
-            ("right", 1700, 1750),
-            ("left", 2900, 3500),
+            ("right-absent", 1700, 1750),
+            ("left-absent", 2900, 3500),
         ],
         until_ms: 20_000,
         ..Scenario::default()
@@ -372,6 +398,73 @@ fn waits_for_sensors_and_sets_them_up_again(board: &Board) -> Result<(), Failed>
         assert_eq!(logged(&ran, &format!("the {side} sensor is set up")), 2);
     }
     assert!(logged(&ran, "Camera(Bus)") > 0);
+    Ok(())
+}
+
+/// Wires of the camera port that are stuck, at the start and in frames.
+fn recovers_from_stuck_wires(board: &Board) -> Result<(), Failed> {
+    let scenario = Scenario {
+        frames: 3,
+        troubles: vec![
+            // The first frame that is asked for does not come; the one after it does.
+            ("clock-stuck", 0, 2000),
+            // In the next one lines are not told: the first is cut.
+            ("lvld-low", 3900, 4000),
+            // In the third one nothing comes any more, until the watchdog has restarted the board.
+            ("clock-stuck", 4900, 9500),
+        ],
+        until_ms: 14_000,
+        ..Scenario::default()
+    };
+    let ran = run_modelled_restarted(board, &scenario, 1)?;
+    assert_eq!(whole_frames(&ran).len(), 2, "before and after the restart");
+    assert_eq!(logged(&ran, "Camera(ShortLine)"), 1);
+    // Before the first frame, in the third one, and after the restart.
+    assert_eq!(logged(&ran, "Camera(Timeout)"), 3);
+    assert_eq!(logged(&ran, "timeouts: 1,"), 2, "counted");
+    Ok(())
+}
+
+/// A chip that is no HM01B0 and a bus that is stuck for less than the watchdog waits: the board tells
+/// both, and goes on without a restart.
+fn waits_out_another_chip_and_a_stuck_bus(board: &Board) -> Result<(), Failed> {
+    let scenario = Scenario {
+        frames: 2,
+        troubles: vec![
+            ("left-other-chip", 0, 700),
+            ("right-sda-low", 0, 1500),
+            // Amid the first frame, in which the bus is not used, until after its end.
+            ("left-sda-low", 2400, 3600),
+        ],
+        until_ms: 10_000,
+        ..Scenario::default()
+    };
+    let ran = run_modelled(board, &scenario)?;
+    assert_eq!(whole_frames(&ran).len(), 1, "of two frames");
+    assert_eq!(ran.report.armed, [2, 1]);
+    // The number of an HM0360, which has the same address.
+    assert!(logged(&ran, "no left sensor, failure 1: ModelId { found: 864 }") == 1);
+    assert!(logged(&ran, "no right sensor, failure 1: I2c(Timeout)") == 1);
+    assert_eq!(logged(&ran, "the left sensor was lost"), 1);
+    assert!(logged(&ran, "Camera(Other)") > 0);
+    assert!(logged(&ran, "Camera(Bus)") > 0);
+    assert_eq!(logged(&ran, "frames_dropped: 1,"), 1);
+    Ok(())
+}
+
+/// A bus that is stuck for longer than the watchdog waits restarts the board, whose start frees the
+/// chip's side of it.
+fn restarts_when_a_bus_hangs(board: &Board) -> Result<(), Failed> {
+    let scenario = Scenario {
+        frames: 1,
+        troubles: vec![("left-sda-low", 0, 4200)],
+        until_ms: 10_000,
+        ..Scenario::default()
+    };
+    let ran = run_modelled_restarted(board, &scenario, 1)?;
+    assert_eq!(whole_frames(&ran), [0]);
+    assert!(logged(&ran, "I2c(Timeout)") > 2);
+    assert_eq!(ran.report.armed, [1, 1]);
     Ok(())
 }
 

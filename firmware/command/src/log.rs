@@ -5,6 +5,9 @@ use std::path::Path;
 use anyhow::{Context, Result, bail};
 use defmt_decoder::{DecodeError, Table};
 
+/// What stands in the place of a line that a reset of the board broke off.
+const BROKEN: &str = "(broken off)";
+
 /// Returns the lines of a log, each with its level. The log holds only numbers; the texts are
 /// in the linked file.
 ///
@@ -24,6 +27,9 @@ pub fn lines(firmware: &Path, log: &[u8]) -> Result<Vec<String>> {
                 lines.push(format!("{level} {}", frame.display_message()));
             }
             Err(DecodeError::UnexpectedEof) => return Ok(lines),
+            Err(DecodeError::Malformed) if table.encoding().can_recover() => {
+                lines.push(BROKEN.to_owned());
+            }
             Err(DecodeError::Malformed) => bail!("the log is not one of {name}"),
         }
     }

@@ -36,7 +36,7 @@ const WIRE_FAULTS: [ErrorKind; 4] = [
     ErrorKind::Timeout,
 ];
 
-/// A run of the model: how long it lasts, the faults of its wires, and when its sensors are missing.
+/// A run of the model: how long it lasts, the faults of its wires, and what is wrong for a time.
 #[derive(Debug, Clone, Default)]
 pub struct Scenario {
     /// Number of frames that the sensors end before the run ends.
@@ -44,8 +44,10 @@ pub struct Scenario {
     /// Faults at the wires: overruns, short lines, short frames and time-outs, one in a frame. Frames
     /// are those that the sensors send.
     pub faults: Vec<ScriptedFault>,
-    /// Times at which a sensor has no power: `left` or `right`, from and to, ms.
-    pub absences: Vec<(&'static str, u64, u64)>,
+    /// What is wrong, from and to, ms: `left-absent`, `left-other-chip` (another chip in the sensor's
+    /// place), `left-sda-low` (its bus is stuck), the same of the right sensor, `clock-stuck` and
+    /// `lvld-low` (wires of the camera port).
+    pub troubles: Vec<(&'static str, u64, u64)>,
     /// Time on the board after which the run ends in any case, ms.
     pub until_ms: u64,
 }
@@ -82,6 +84,24 @@ pub struct Report {
     pub resets: Vec<String>,
     /// Accesses without a register or without a clock, and transfers that DMA cannot make.
     pub refused: Vec<String>,
+    /// Registers that were reached and of which there is no model.
+    pub unmodelled: Vec<String>,
+}
+
+impl Report {
+    /// Checks that the chip took every access.
+    ///
+    /// # Errors
+    /// Fails with one line that names the accesses that were refused, and the registers without a
+    /// model.
+    pub fn ensure_all_accesses_taken(&self) -> Result<()> {
+        let (refused, unmodelled) = (&self.refused, &self.unmodelled);
+        ensure!(
+            refused.is_empty() && unmodelled.is_empty(),
+            "accesses refused: {refused:?}, registers without a model: {unmodelled:?}"
+        );
+        Ok(())
+    }
 }
 
 impl Scenario {
@@ -144,34 +164,68 @@ pub fn expected(model: &Model, pair: &Pair) -> Result<Frames> {
 /// # Errors
 /// Fails when the board has no model, when no compiler is new enough, or when it does not compile.
 pub fn build(board: &Board) -> Result<PathBuf> {
-    let model = board
+    let model = model(board)?;
+    let compiler = compiler(board)?;
+    let status = cargo(compiler, model, "build").status();
+    ensure!(
+        status.context("cannot run cargo")?.success(),
+        "the model of {} does not build",
+        board.name
+    );
+    Ok(target_folder().join("release").join(model.folder))
+}
+
+/// Lints the model of a board with the clippy of its compiler. What it depends on is built for that
+/// as for a run, so that it is built once.
+///
+/// # Errors
+/// Fails when the board has no model, when no compiler is new enough or has no clippy, or when
+/// clippy finds something.
+pub fn lint(board: &Board) -> Result<()> {
+    let mut cargo = cargo(compiler(board)?, model(board)?, "rustc");
+    cargo
+        .env("RUSTC_WORKSPACE_WRAPPER", "clippy-driver")
+        .args(["--", "-D", "warnings"]);
+    ensure!(
+        cargo.status().context("cannot run cargo")?.success(),
+        "clippy finds fault with the model of {}",
+        board.name
+    );
+    Ok(())
+}
+
+fn model(board: &Board) -> Result<Model> {
+    board
         .model
-        .with_context(|| format!("there is no model of {}", board.name))?;
-    let model = model.folder;
-    let compiler = ModelCompiler::find();
-    let compiler = compiler.with_context(|| {
+        .with_context(|| format!("there is no model of {}", board.name))
+}
+
+fn compiler(board: &Board) -> Result<ModelCompiler> {
+    ModelCompiler::find().with_context(|| {
         format!(
             "there is no compiler for the model of {}: cargo firmware setup tells how to install it",
             board.name
         )
-    })?;
-    let root = crate::build::root();
-    let target = root.join("target/model");
+    })
+}
+
+/// The folder that models are built in.
+fn target_folder() -> PathBuf {
+    crate::build::root().join("target/model")
+}
+
+/// The command that compiles a model with this verb of cargo.
+fn cargo(compiler: ModelCompiler, model: Model, verb: &str) -> Command {
+    let folder = crate::build::root().join("firmware/boards");
     let mut cargo = compiler.cargo();
     cargo
-        .args(["build", "--release", "--locked", "--quiet"])
+        .args([verb, "--release", "--locked", "--quiet"])
         .args(compiler.options())
         .arg("--target-dir")
-        .arg(&target)
-        .current_dir(root.join("firmware/boards").join(model))
+        .arg(target_folder())
+        .current_dir(folder.join(model.folder))
         .stdout(std::io::stderr());
-    let status = cargo.status().context("cannot run cargo")?;
-    ensure!(
-        status.success(),
-        "the model of {} does not build",
-        board.name
-    );
-    Ok(target.join("release").join(model))
+    cargo
 }
 
 /// Runs a board's firmware on its model while the sensors send a pair.
@@ -197,8 +251,8 @@ pub fn run(program: &Path, firmware: &Path, pair: &Pair, scenario: &Scenario) ->
     for fault in &scenario.faults {
         command.args(["--fault", &fault.to_string()]);
     }
-    for (side, from_ms, to_ms) in &scenario.absences {
-        command.args(["--absent", &format!("{side}:{from_ms}:{to_ms}")]);
+    for (what, from_ms, to_ms) in &scenario.troubles {
+        command.args(["--trouble", &format!("{what}:{from_ms}:{to_ms}")]);
     }
     let child = command.spawn();
     let mut child = child.with_context(|| format!("cannot run {}", program.display()))?;

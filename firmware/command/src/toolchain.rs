@@ -86,6 +86,14 @@ impl ModelCompiler {
         is_new_enough(Self::Nightly, MODEL_NIGHTLY_MINOR).then_some(Self::Nightly)
     }
 
+    /// Returns whether it has a clippy.
+    #[must_use]
+    pub fn lints(self) -> bool {
+        let mut linter = self.program("clippy-driver");
+        let output = linter.arg("--version").stderr(Stdio::null()).output();
+        output.is_ok_and(|output| output.status.success())
+    }
+
     /// Returns the command that runs its cargo.
     #[must_use]
     pub fn cargo(self) -> Command {

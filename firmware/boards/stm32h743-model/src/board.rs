@@ -17,6 +17,8 @@ use rigless::time::VirtualNanos;
 
 use crate::port::Port;
 use crate::sensor::{Shared, Wire};
+use crate::stuck_bus::StuckBus;
+use crate::trouble::{Trouble, Troubles};
 use crate::watchdog::Iwdg;
 
 const CRYSTAL_HZ: u64 = 8_000_000;
@@ -35,6 +37,10 @@ pub struct Chip {
     pub watchdog: Iwdg,
     /// Places of the two on the bus.
     places: [usize; 2],
+    stuck_bus: StuckBus,
+    /// Places of the left sensor's interface and of the right one's.
+    sensor_buses: [usize; 2],
+    troubles: Troubles,
 }
 
 impl Mcu for Chip {
@@ -52,13 +58,15 @@ impl Mcu for Chip {
         Device::reset(&mut self.watchdog);
     }
 
-    fn poll(&mut self, now: VirtualNanos) {
-        self.poll_every_model(now);
-    }
+    /// Nothing on the board speaks by itself: whatever its models do, they have scheduled.
+    fn poll(&mut self, _: VirtualNanos) {}
 
     fn split(&mut self, place: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
         let (bus, model) = self.inner.split(place);
-        if place == self.places[0] {
+        let side = self.sensor_buses.iter().position(|bus| *bus == place);
+        if side.is_some_and(|side| self.troubles.are_now(Trouble::SdaLow(side))) {
+            (bus, Some(&mut self.stuck_bus))
+        } else if place == self.places[0] {
             (bus, Some(&mut self.port))
         } else if place == self.places[1] {
             (bus, Some(&mut self.watchdog))
@@ -102,7 +110,7 @@ pub struct Nucleo {
 
 impl Nucleo {
     /// Wires the board up.
-    pub fn new(port: Port, sensors: &[Shared; 2]) -> Result<Self> {
+    pub fn new(port: Port, sensors: &[Shared; 2], troubles: Troubles) -> Result<Self> {
         let mut inner = Stm32h743::new().map_err(|error| anyhow!("{error}"))?;
         inner.rcc.attach_crystals(CRYSTAL_HZ, 0);
         inner.set_supply(SUPPLY_MV);
@@ -115,11 +123,15 @@ impl Nucleo {
         inner.usart[number.context(SERIAL)?].attach(serial.clone());
         let place = |name| inner.bus().slot_of(name).context(name);
         let places = [place("DCMI")?, place("IWDG")?];
+        let sensor_buses = [place("I2C1")?, place("I2C2")?];
         let chip = Chip {
             inner,
             port,
             watchdog: Iwdg::default(),
             places,
+            stuck_bus: StuckBus,
+            sensor_buses,
+            troubles,
         };
         Ok(Self { chip, serial })
     }

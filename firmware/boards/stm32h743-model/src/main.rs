@@ -2,7 +2,7 @@
 //! sensors at its camera port, and writes what it sends and what happened.
 //!
 //!     stm32h743-model ELF VIEWS WIDTH FOLDER [--frames N] [--until-ms N]
-//!         [--fault FRAME:LINE:KIND]... [--absent left|right:FROM_MS:TO_MS]...
+//!         [--fault FRAME:LINE:KIND]... [--trouble WHAT:FROM_MS:TO_MS]...
 //!
 //! VIEWS holds the frame that the sensors send for ever: for each line WIDTH bytes of the left view
 //! and WIDTH of the right one. FOLDER gets `serial.bin`, `log.defmt` and `report.json`. The run ends
@@ -12,6 +12,8 @@ mod board;
 mod fault;
 mod port;
 mod sensor;
+mod stuck_bus;
+mod trouble;
 mod watchdog;
 
 use std::collections::BTreeMap;
@@ -31,6 +33,7 @@ use serde::Serialize;
 use board::Nucleo;
 use port::Port;
 use sensor::Shared;
+use trouble::Troubles;
 
 /// How often the run is looked at, ns.
 const STEP_NS: u64 = 5_000_000;
@@ -47,7 +50,7 @@ struct Arguments {
     frames: usize,
     until_ns: u64,
     faults: BTreeMap<usize, (usize, fault::Kind)>,
-    absences: [Vec<std::ops::Range<u64>>; 2],
+    troubles: Troubles,
 }
 
 impl Arguments {
@@ -61,8 +64,9 @@ impl Arguments {
             frames: usize::MAX,
             until_ns: u64::MAX,
             faults: BTreeMap::new(),
-            absences: [vec![], vec![]],
+            troubles: Troubles::default(),
         };
+        let mut troubles = vec![];
         while let Ok(option) = next("") {
             let value = next(&option)?;
             match option.as_str() {
@@ -74,22 +78,11 @@ impl Arguments {
                     let (frame, fault) = fault::parse(&value)?;
                     arguments.faults.insert(frame, fault);
                 }
-                "--absent" => {
-                    let parts: Vec<&str> = value.split(':').collect();
-                    let [side, from, to] = parts[..] else {
-                        bail!("--absent {value}: it is SIDE:FROM_MS:TO_MS");
-                    };
-                    let side = match side {
-                        "left" => 0,
-                        "right" => 1,
-                        _ => bail!("--absent {value}: a sensor is left or right"),
-                    };
-                    let ms = |text: &str| anyhow::Ok(text.parse::<u64>()? * MS);
-                    arguments.absences[side].push(ms(from)?..ms(to)?);
-                }
+                "--trouble" => troubles.push(value),
                 _ => bail!("{option} is no option"),
             }
         }
+        arguments.troubles = Troubles::parse(&troubles)?;
         Ok(arguments)
     }
 }
@@ -169,9 +162,16 @@ fn main() -> Result<()> {
         "{} holds no whole lines of {line_bytes} bytes",
         arguments.views.display()
     );
-    let sensors = arguments.absences.map(Shared::new);
-    let port = Port::new(&views, arguments.width, sensors.clone(), arguments.faults);
-    let board = Nucleo::new(port, &sensors)?;
+    let troubles = arguments.troubles;
+    let sensors = [0, 1].map(|side| Shared::new(side, troubles.clone()));
+    let port = Port::new(
+        &views,
+        arguments.width,
+        sensors.clone(),
+        arguments.faults,
+        troubles.clone(),
+    );
+    let board = Nucleo::new(port, &sensors, troubles)?;
     let images = [Image::read(&arguments.elf, None).map_err(|error| anyhow!("{error}"))?];
     let probe = TcpListener::bind("127.0.0.1:0")?;
     let log = take_log(&probe)?;

@@ -10,6 +10,7 @@ use rigless::time::{EventId, VirtualNanos};
 
 use crate::fault::Kind;
 use crate::sensor::Shared;
+use crate::trouble::{Trouble, Troubles};
 
 /// Period of the sensors' clock, of which each brings a byte, ns.
 const CLOCK_NS: u64 = 125;
@@ -55,6 +56,7 @@ pub struct Port {
     lines: Vec<Vec<u8>>,
     sensors: [Shared; 2],
     faults: BTreeMap<usize, (usize, Kind)>,
+    troubles: Troubles,
     next: Next,
     due: Option<EventId>,
     is_high: bool,
@@ -81,11 +83,13 @@ impl Port {
         width: usize,
         sensors: [Shared; 2],
         faults: BTreeMap<usize, (usize, Kind)>,
+        troubles: Troubles,
     ) -> Self {
         Self {
             lines: on_the_wires(views, width),
             sensors,
             faults,
+            troubles,
             next: Next::Trigger,
             due: None,
             is_high: false,
@@ -154,6 +158,7 @@ impl Port {
         let length = self.lines[line].len() - lacking;
         let end = length.min(first + 4);
         let right_is_there = self.sensors[1].look().is_there(now_ns);
+        let is_seen = self.is_capturing && !self.troubles.are(Trouble::LvldLow, now_ns);
         for at in first..end {
             // The views alternate, left first; nobody drives the wires of a sensor that is gone.
             let is_driven = at % 2 == 0 || right_is_there;
@@ -163,7 +168,7 @@ impl Port {
                 0xff
             };
             let inside = !crops || rows.contains(&line) && columns.contains(&at);
-            if self.is_capturing && inside {
+            if is_seen && inside {
                 self.take_byte(byte);
             }
         }
@@ -266,7 +271,7 @@ impl Device for Port {
         let exposure_ns = sensors[0].integration_lines() * sensors[0].line_ns(CLOCK_NS);
         drop(sensors);
         // The left sensor's syncs are the ones on the wires.
-        if rose && left_answers {
+        if rose && left_answers && !self.troubles.are(Trouble::ClockStuck, now) {
             self.in_ns(exposure_ns, Next::Frame, context);
         } else {
             self.in_ns(LOOK_NS, Next::Trigger, context);
@@ -284,6 +289,12 @@ impl Device for Port {
         }
         self.due = None;
         let now = context.now().0;
+        self.troubles.tell(now);
+        if self.next != Next::Trigger && self.troubles.are(Trouble::ClockStuck, now) {
+            // Sensors and port stand still.
+            self.in_ns(LOOK_NS, self.next, context);
+            return;
+        }
         let is_enabled = registers.get(Register::Cr) & cr::ENABLE.mask() != 0;
         let left_is_there = self.sensors[0].look().is_there(now);
         let line_ns = self.sensors[0].look().line_ns(CLOCK_NS);
@@ -315,7 +326,7 @@ impl Device for Port {
                 if rest > 0 {
                     self.in_ns(4 * CLOCK_NS, Next::Bytes(line, rest), context);
                 } else {
-                    if is_enabled {
+                    if is_enabled && !self.troubles.are(Trouble::LvldLow, now) {
                         self.raised |= LINE;
                     }
                     let used_ns = (self.lines[line].len() as u64 + 4) * CLOCK_NS;

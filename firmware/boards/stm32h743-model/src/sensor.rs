@@ -1,11 +1,12 @@
 //! An HM01B0 as the board sees it on I2C: its registers, and whether it is there.
 
-use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use rigless::chip::Timeline;
 use rigless::chip::i2c::Peer;
 use rigless::snapshot::Store;
+
+use crate::trouble::{Trouble, Troubles};
 
 const ADDRESS: u8 = 0x24;
 const SOFTWARE_RESET: u16 = 0x0103;
@@ -14,6 +15,8 @@ const TRIGGER_MODE: u8 = 5;
 const INTEGRATION_LINES: u16 = 0x0202;
 const LINE_LENGTH: u16 = 0x0342;
 const CLOCK: u16 = 0x3060;
+/// The number of an HM0360, a chip with the same address.
+const OTHER_CHIP: [u8; 2] = [0x03, 0x60];
 /// Registers that the board or the port reads, with their values after a reset, from the datasheet: the
 /// chip's number, the integration in lines, the length of a frame in lines, that of a line in clocks.
 const AFTER_RESET: [(u16, u16); 4] = [
@@ -23,21 +26,23 @@ const AFTER_RESET: [(u16, u16); 4] = [
     (LINE_LENGTH, 0x0178),
 ];
 
-/// Registers of a sensor and its absences.
+/// Registers of a sensor and its troubles.
 #[derive(Debug)]
 pub struct Sensor {
+    /// 0 for the left one, 1 for the right one.
+    side: usize,
     registers: Vec<u8>,
-    /// Times without power, ns.
-    absences: Vec<Range<u64>>,
+    troubles: Troubles,
     /// Number of times that the board has armed it for its trigger.
     pub armed: u32,
 }
 
 impl Sensor {
-    fn new(absences: Vec<Range<u64>>) -> Self {
+    fn new(side: usize, troubles: Troubles) -> Self {
         let mut sensor = Self {
+            side,
             registers: vec![],
-            absences,
+            troubles,
             armed: 0,
         };
         sensor.reset();
@@ -54,11 +59,21 @@ impl Sensor {
 
     /// Returns whether it has power at this time, ns; without, it forgets its registers.
     pub fn is_there(&mut self, at: u64) -> bool {
-        let is_there = !self.absences.iter().any(|absence| absence.contains(&at));
+        let is_there = !self.troubles.are(Trouble::Absent(self.side), at);
         if !is_there {
             self.reset();
         }
         is_there
+    }
+
+    /// Leaves its place to another chip, if there is one at this time, ns.
+    fn give_place(&mut self, at: u64) {
+        if self.troubles.are(Trouble::OtherChip(self.side), at) {
+            self.reset();
+            self.registers[..2].copy_from_slice(&OTHER_CHIP);
+        } else if self.registers[..2] == OTHER_CHIP {
+            self.reset();
+        }
     }
 
     fn pair(&self, register: u16) -> u64 {
@@ -100,9 +115,9 @@ impl Sensor {
 pub struct Shared(Arc<Mutex<Sensor>>);
 
 impl Shared {
-    /// A sensor without power at these times, ns.
-    pub fn new(absences: Vec<Range<u64>>) -> Self {
-        Self(Arc::new(Mutex::new(Sensor::new(absences))))
+    /// A sensor, the left one (0) or the right one (1), with its troubles.
+    pub fn new(side: usize, troubles: Troubles) -> Self {
+        Self(Arc::new(Mutex::new(Sensor::new(side, troubles))))
     }
 
     /// The sensor, for one look.
@@ -137,7 +152,9 @@ impl Peer for Wire {
         if !read {
             self.numbered = 0;
         }
-        address == ADDRESS && self.sensor.look().is_there(time.now().0)
+        let mut sensor = self.sensor.look();
+        sensor.give_place(time.now().0);
+        address == ADDRESS && sensor.is_there(time.now().0)
     }
 
     fn write(&mut self, byte: u8, _: &mut Timeline<'_, '_>) -> bool {

@@ -14,7 +14,7 @@ use vgstereo_sim::disparity_files::DisparityFormat;
 use vgstereo_sim::files::write_files;
 use vgstereo_sim::images::{ImageFile, ViewImages};
 
-use super::selection::parse_board;
+use super::selection::parse_executed_board;
 use crate::board::{Board, Model};
 use crate::build::build;
 use crate::elf::Sizes;
@@ -36,7 +36,7 @@ use crate::toolchain::ensure_complete;
 )]
 pub struct Run {
     /// The board: stm32f405, mps2-an500, riscv-virt, riscv-virt-zbb or stm32h743.
-    #[arg(long, value_name = "B", value_parser = parse_board)]
+    #[arg(long, value_name = "B", value_parser = parse_executed_board)]
     board: Board,
     /// Left image: PNG, PPM, PGM or JPEG, rectified unless --calibration is given.
     #[arg(long, value_name = "FILE", requires = "right")]
@@ -166,6 +166,8 @@ impl Run {
         ensure_complete(&[self.board])?;
         let (program, firmware) = (model::build(&self.board)?, build(&self.board)?);
         let ran = model::run(&program, &firmware, pair, &scenario)?;
+        let taken = ran.report.ensure_all_accesses_taken();
+        taken.context(self.board.name)?;
         let last = ran.frames.iter().rfind(|frame| frame.is_whole);
         let last = last.with_context(|| format!("{} gave no frame", self.board.name))?;
         let values = last.disparities.as_chunks().0.iter();
@@ -174,19 +176,25 @@ impl Run {
         let Report {
             time_ms,
             instructions,
+            meals,
+            longest_hunger_ms,
             resets,
-            refused,
             ..
         } = &ran.report;
         let name = self.board.name;
-        let mut text = format!("{name}: {time_ms} ms, {instructions} instructions\n");
+        let whole = ran.frames.iter().filter(|frame| frame.is_whole).count();
+        let broken = ran.frames.len() - whole;
+        let mut text = format!(
+            "{name}: {whole} whole frames, {broken} broken, in {time_ms} ms of the board's time\n\
+             {instructions} instructions; watchdog fed {meals} times, longest wait \
+             {longest_hunger_ms} ms; {} restarts; no access refused\n",
+            resets.len()
+        );
         for line in &ran.log {
             writeln!(text, "{line}")?;
         }
-        for (what, all) in [("reset", resets), ("refused", refused)] {
-            for one in all {
-                writeln!(text, "{what}: {one}")?;
-            }
+        for reset in resets {
+            writeln!(text, "restart: {reset}")?;
         }
         writeln!(text, "wrote {}", self.out.display())?;
         Ok(text)

@@ -15,7 +15,7 @@ use crate::build::build;
 use crate::elf::Sizes;
 use crate::emulator::{self, Clock};
 use crate::host;
-use crate::model::{self, Report, Scenario};
+use crate::model::{self, Scenario};
 use crate::pair::Pair;
 use crate::toolchain::ensure_complete;
 
@@ -159,14 +159,10 @@ fn compare_modelled(board: &Board) -> Result<[String; 4]> {
         "{}: the frame differs from the host's",
         board.name
     );
-    let Report {
-        resets, refused, ..
-    } = &ran.report;
-    ensure!(
-        resets.is_empty() && refused.is_empty(),
-        "{}: resets {resets:?}, refused {refused:?}",
-        board.name
-    );
+    let taken = ran.report.ensure_all_accesses_taken();
+    taken.context(board.name)?;
+    let resets = &ran.report.resets;
+    ensure!(resets.is_empty(), "{}: resets {resets:?}", board.name);
     let name = format!("{}, modelled", board.name);
     Ok([
         name,
