@@ -16,6 +16,9 @@ pub struct Board {
     pub target: &'static str,
     /// Compiler flags in addition to those that the folder configures.
     pub compiler_flags: &'static [&'static str],
+    /// The crate below `firmware/boards` that it shares with another board and that has a feature
+    /// with its name; `None` if there is none.
+    pub shared: Option<&'static str>,
     /// How it is emulated; `None` for a board that runs only as hardware.
     pub emulation: Option<Emulation>,
     /// The model of its chip; `None` for a board that has none.
@@ -60,6 +63,7 @@ pub const STM32F405: Board = Board {
     folder: "stm32f405",
     target: ARM_TARGET,
     compiler_flags: &[],
+    shared: None,
     emulation: Some(Emulation {
         program: "qemu-system-arm",
         arguments: &["-machine", "netduinoplus2"],
@@ -75,6 +79,7 @@ pub const MPS2_AN500: Board = Board {
     folder: "mps2-an500",
     target: ARM_TARGET,
     compiler_flags: &[],
+    shared: None,
     emulation: Some(Emulation {
         program: "qemu-system-arm",
         arguments: &["-machine", "mps2-an500"],
@@ -90,6 +95,7 @@ pub const RISCV_VIRT: Board = Board {
     folder: "riscv-virt",
     target: RISCV_TARGET,
     compiler_flags: &[],
+    shared: None,
     emulation: Some(Emulation {
         program: "qemu-system-riscv32",
         arguments: &[
@@ -124,6 +130,7 @@ pub const STM32H743: Board = Board {
     folder: "stm32h743",
     target: ARM_TARGET,
     compiler_flags: &[],
+    shared: Some("stm32-stereo"),
     emulation: None,
     model: Some(Model {
         folder: "stm32h743-model",
@@ -134,9 +141,29 @@ pub const STM32H743: Board = Board {
     is_small: false,
 };
 
+/// STM32F4DISCOVERY, a Cortex-M4F with a camera: the reference part's sister with a camera port. It
+/// is built, and runs only as hardware.
+pub const STM32F407: Board = Board {
+    name: "stm32f407",
+    folder: "stm32f407",
+    target: ARM_TARGET,
+    compiler_flags: &[],
+    shared: Some("stm32-stereo"),
+    emulation: None,
+    model: None,
+    is_small: false,
+};
+
 impl Board {
     /// All boards, emulated or not.
-    pub const ALL: [Self; 5] = [STM32F405, MPS2_AN500, RISCV_VIRT, RISCV_VIRT_ZBB, STM32H743];
+    pub const ALL: [Self; 6] = [
+        STM32F405,
+        MPS2_AN500,
+        RISCV_VIRT,
+        RISCV_VIRT_ZBB,
+        STM32H743,
+        STM32F407,
+    ];
 
     /// Returns all boards that are emulated.
     pub fn emulated() -> impl Iterator<Item = Self> {
@@ -150,12 +177,27 @@ impl Board {
         all.filter(|board| board.model.is_some())
     }
 
+    /// Returns all boards that are sold, emulated in no QEMU.
+    pub fn real() -> impl Iterator<Item = Self> {
+        let all = Self::ALL.into_iter();
+        all.filter(|board| board.emulation.is_none())
+    }
+
     /// Returns how the board is emulated.
     ///
     /// # Errors
-    /// Fails with [`NotEmulated`] when it runs only as hardware.
+    /// Fails with [`NotEmulated`] when it is not.
     pub fn emulation(&self) -> Result<Emulation, NotEmulated> {
-        self.emulation.ok_or(NotEmulated { board: self.name })
+        self.emulation.ok_or(NotEmulated {
+            board: self.name,
+            is_modelled: self.model.is_some(),
+        })
+    }
+
+    /// Returns whether the firmware can run on this machine: emulated, or on a model of the chip.
+    #[must_use]
+    pub fn is_executed(&self) -> bool {
+        self.emulation.is_some() || self.model.is_some()
     }
 }
 
@@ -164,14 +206,21 @@ impl Board {
 pub struct NotEmulated {
     /// The name of the board.
     pub board: &'static str,
+    /// Whether there is a model of its chip.
+    pub is_modelled: bool,
 }
 
 impl fmt::Display for NotEmulated {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let name = self.board;
+        let takers = if self.is_modelled {
+            "build, lint, size, run and verify"
+        } else {
+            "build, lint and size"
+        };
         write!(
             f,
-            "{name} is a real board and not emulated in QEMU; cargo firmware run and verify take it"
+            "{name} is a real board and not emulated in QEMU; of cargo firmware {takers} take it"
         )
     }
 }

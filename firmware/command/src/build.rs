@@ -50,13 +50,21 @@ pub fn lint(board: &Board) -> Result<()> {
             board.target
         )
     })?;
-    let shared = ["-p", "vgstereo-kernels", "-p", "vgstereo-emulated"];
-    for (folder, packages) in [(board_folder(board), &[][..]), (root().into(), &shared[..])] {
+    let common = ["-p", "vgstereo-kernels", "-p", "vgstereo-emulated"];
+    let mut crates = vec![
+        (board_folder(board), vec![]),
+        (root().into(), common.to_vec()),
+    ];
+    if let Some(shared) = board.shared {
+        let folder = root().join("firmware/boards").join(shared);
+        crates.push((folder, vec!["--features", board.name]));
+    }
+    for (folder, options) in crates {
         let mut command = Command::new(&linter);
         // Cargo itself runs its subcommands like this.
         command.arg("clippy").env("CARGO", cargo());
         configure(&mut command, board, &toolchain);
-        command.args(packages).args(["--", "-D", "warnings"]);
+        command.args(options).args(["--", "-D", "warnings"]);
         let status = command.current_dir(folder).status();
         let status = status.with_context(|| format!("cannot run {}", linter.display()))?;
         ensure!(

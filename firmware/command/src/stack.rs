@@ -1,22 +1,30 @@
 //! The largest stack that firmware may need: the stack frames, as the compiler states them,
-//! along the deepest chain of calls.
+//! along the deepest chain of calls, and an interrupt on top.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use addr2line::gimli::{EndianSlice, LittleEndian, Reader};
 use anyhow::{Context, Result};
 use object::read::elf::ElfFile32;
-use object::{Object, ObjectSection, ObjectSymbol};
+use object::{Object, ObjectSection, ObjectSymbol, RelocationTarget};
 
 use crate::elf;
 
 /// The section in which the compiler states the size of each function's stack frame, if it is
 /// asked to.
 const FRAMES: &str = ".stack_sizes";
+/// The section of a Cortex-M's handlers.
+const VECTORS: &str = ".vector_table";
+/// The handler that starts the program.
+const START: &str = "Reset";
+/// What a Cortex-M with an FPU puts on the stack when it takes an interrupt, with the word that aligns
+/// it, bytes.
+const EXCEPTION_BYTES: u64 = 27 * 4;
 
 /// Returns the most bytes of stack along any chain of calls; `None` if the file does not state
-/// the frames, for which the compiler must accept unstable options.
+/// the frames, for which the compiler must accept unstable options. The deepest chain of a handler
+/// comes on top, once: the boards' interrupts have one priority.
 ///
 /// Calls by a pointer are left out: formatting of text makes them, the pipeline does not. A
 /// function that calls itself counts once: only panics do.
@@ -46,11 +54,38 @@ pub fn deepest_bytes(path: &Path) -> Result<Option<u64>> {
             callees.entry(from).or_default().push(to);
         }
     }
+    let handlers = handlers(&file)?;
     let mut depths = BTreeMap::new();
-    let deepest = functions
-        .keys()
-        .map(|&function| depth(function, &frames, &callees, &mut depths));
-    Ok(deepest.max())
+    let (mut thread, mut handler) = (0, 0);
+    for &function in functions.keys() {
+        let depth = depth(function, &frames, &callees, &mut depths);
+        if handlers.contains(&function) {
+            handler = handler.max(depth);
+        } else {
+            thread = thread.max(depth);
+        }
+    }
+    // Where there is no interrupt, the handlers are empty loops.
+    let taken = if handler > 0 { EXCEPTION_BYTES } else { 0 };
+    Ok(Some(thread + handler + taken))
+}
+
+/// Returns the addresses of the functions that interrupts call.
+fn handlers(file: &ElfFile32<'_>) -> Result<BTreeSet<u64>> {
+    let mut handlers = BTreeSet::new();
+    for (_, relocation) in file
+        .section_by_name(VECTORS)
+        .iter()
+        .flat_map(ObjectSection::relocations)
+    {
+        if let RelocationTarget::Symbol(index) = relocation.target() {
+            let symbol = file.symbol_by_index(index)?;
+            if symbol.name() != Ok(START) {
+                handlers.insert(elf::code_address(symbol.address()));
+            }
+        }
+    }
+    Ok(handlers)
 }
 
 /// Returns the bytes of a function's frame and of the deepest chain of calls below it. Where

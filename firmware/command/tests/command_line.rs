@@ -62,6 +62,14 @@ fn what_is_wrong_is_said_on_one_line() {
             refusal(&["bench", "--board", "stm32h743"]),
             "stm32h743 is a real board and not emulated",
         ),
+        (
+            refusal(&["run", "--board", "stm32f407", "--out", "never.png"]),
+            "build, lint and size take it",
+        ),
+        (
+            refusal(&["verify", "--board", "stm32f407"]),
+            "build, lint and size take it",
+        ),
         (modelled(&["--preset", "micro"]), "is built for lite"),
         (modelled(&["--d-max", "31"]), "320x240 px in grey and 48"),
         (

@@ -3,12 +3,7 @@
 #![no_std]
 #![no_main]
 
-mod camera;
-mod capture;
-mod clock;
 mod memory;
-mod sensors;
-mod watchdog;
 
 use cortex_m_rt::entry;
 use defmt_rtt as _;
@@ -16,20 +11,20 @@ use embassy_stm32::peripherals::{DCMI, DMA1_CH0, IWDG1, USART3};
 use embassy_stm32::rcc::{Mco, Mco1Source, McoConfig, McoPrescaler};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, BufferedUart};
-use embassy_stm32::{bind_interrupts, dcmi, dma, gpio, i2c, rcc};
-use embassy_time::Duration;
+use embassy_stm32::{bind_interrupts, dcmi, dma, gpio, i2c, pac, rcc};
 use panic_probe as _;
 use static_cell::ConstStaticCell;
+use stm32_stereo::camera::StereoCamera;
+use stm32_stereo::capture::{self, Capture, port_config};
+use stm32_stereo::rig::Rig;
+use stm32_stereo::run::run;
+use stm32_stereo::sensors::{Sensors, bus_config};
+use stm32_stereo::watchdog::Iwdg;
 use vgstereo_core::{Config, DisparityRange, Matcher, Preset};
 use vgstereo_firmware::camera::{Geometry, Layout, PixelFormat};
-use vgstereo_firmware::sink::serial::{SerialSink, packet_bytes};
-use vgstereo_firmware::{Event, Session, session};
+use vgstereo_firmware::session;
+use vgstereo_firmware::sink::serial::packet_bytes;
 use vgstereo_kernels::Armv7em;
-
-use crate::camera::StereoCamera;
-use crate::capture::Capture;
-use crate::sensors::Sensors;
-use crate::watchdog::Iwdg;
 
 /// Geometry of the camera's lines: the middle of the sensors' 324x244 px.
 const GEOMETRY: Geometry = Geometry {
@@ -37,8 +32,17 @@ const GEOMETRY: Geometry = Geometry {
     height: 240,
     format: PixelFormat::Grey8,
 };
-/// Layout of the two views' pixels on the camera port.
-const LAYOUT: Layout = Layout::PixelMultiplexed { phase: 0 };
+/// What the cameras send. The period of a line is the time that the serial port and the matcher,
+/// side by side, have for one line.
+const RIG: Rig = Rig {
+    geometry: GEOMETRY,
+    layout: Layout::PixelMultiplexed { phase: 0 },
+    line_us: if cfg!(feature = "serial-8-mbaud") {
+        2_500
+    } else {
+        3_750
+    },
+};
 /// Configuration of the matcher.
 const CONFIG: Config = Config::new(
     Preset::Lite.parameters(),
@@ -51,22 +55,6 @@ const BAUD: u32 = if cfg!(feature = "serial-8-mbaud") {
 } else {
     2_000_000
 };
-/// Period of a line, to which the sensors are slowed down: the time that the serial port and the
-/// matcher, side by side, have for one line.
-const LINE_US: u32 = if cfg!(feature = "serial-8-mbaud") {
-    2_500
-} else {
-    3_750
-};
-/// Longest wait for the camera: a frame with its gap and its exposure, and a quarter more.
-const FRAME_US: u32 = 325 * LINE_US;
-/// Time-out of the watchdog. A fault may take as long: the wait for a missing line, for the end of
-/// its frame, and for line 0 of the next frame.
-const WATCHDOG_US: u32 = 3 * FRAME_US;
-/// Longest wait for a step on a sensor's bus. The ten attempts of a set-up take less than the
-/// watchdog waits.
-const BUS_TIMEOUT: Duration = Duration::from_millis(10);
-
 bind_interrupts!(struct Interrupts {
     DCMI => capture::LineEnd, dcmi::InterruptHandler<DCMI>;
     DMA1_STREAM0 => dma::InterruptHandler<DMA1_CH0>;
@@ -79,6 +67,9 @@ static LINES: ConstStaticCell<[u32; session::memory_words(&GEOMETRY)]> =
 /// Memory of the sink: one packet.
 static PACKET: ConstStaticCell<[u8; packet_bytes(GEOMETRY.width)]> =
     ConstStaticCell::new([0; packet_bytes(GEOMETRY.width)]);
+/// Memory of the camera: one raw line.
+static RAW_LINE: ConstStaticCell<[u32; RIG.raw_words()]> =
+    ConstStaticCell::new([0; RIG.raw_words()]);
 /// Send buffer of the serial port: two packets, so that sending and matching overlap.
 static OUTGOING: ConstStaticCell<[u8; 2 * packet_bytes(GEOMETRY.width)]> =
     ConstStaticCell::new([0; 2 * packet_bytes(GEOMETRY.width)]);
@@ -89,23 +80,18 @@ static INCOMING: ConstStaticCell<[u8; 4]> = ConstStaticCell::new([0; 4]);
 fn main() -> ! {
     // Before all else, the clocks included: whatever hangs, the board starts again.
     // SAFETY: the peripheral that `init` gives out is not used.
-    let watchdog = Iwdg::start(unsafe { IWDG1::steal() }, WATCHDOG_US);
+    let watchdog = Iwdg::start(unsafe { IWDG1::steal() }, pac::IWDG1, RIG.watchdog_us());
     let board = embassy_stm32::init(clocks());
     let (matcher_memory, raw_lines) = memory::take();
 
     let mut sensor_clock = McoConfig::default();
     sensor_clock.prescaler = McoPrescaler::DIV1;
     let _sensor_clock = Mco::new(board.MCO1, board.PA8, Mco1Source::HSE, sensor_clock);
-    let mut bus = i2c::Config::default();
-    bus.timeout = BUS_TIMEOUT;
+    let bus = bus_config();
     let left = i2c::I2c::new_blocking(board.I2C1, board.PB8, board.PB9, bus);
     let right = i2c::I2c::new_blocking(board.I2C2, board.PF1, board.PF0, bus);
-    let sensors = Sensors::new(left, right);
+    let sensors = Sensors::new(left, right, &RIG);
 
-    let mut sync = dcmi::Config::default();
-    sync.vsync_level = dcmi::VSyncDataInvalidLevel::Low;
-    sync.hsync_level = dcmi::HSyncDataInvalidLevel::Low;
-    sync.pixclk_polarity = dcmi::PixelClockPolarity::RisingEdge;
     // SAFETY: of the two owners of the channel, `Dcmi` uses it only in its `capture`, which is
     // never called.
     let channel = unsafe { board.DMA1_CH0.clone_unchecked() };
@@ -124,11 +110,12 @@ fn main() -> ! {
         board.PB7,
         board.PA4,
         board.PA6,
-        sync,
+        port_config(),
     );
     let trigger = gpio::Output::new(board.PD4, gpio::Level::Low, gpio::Speed::Low);
-    let capture = Capture::new(port, channel, raw_lines);
-    let camera = StereoCamera::new(sensors, capture, trigger, watchdog);
+    let stream = pac::DMA1.st(0);
+    let capture = Capture::new(port, channel, stream, Interrupts, &RIG, raw_lines);
+    let camera = StereoCamera::new(RIG, sensors, capture, trigger, watchdog, RAW_LINE.take());
 
     let mut serial = usart::Config::default();
     serial.baudrate = BAUD;
@@ -142,24 +129,15 @@ fn main() -> ! {
         serial,
     );
     let serial = defmt::unwrap!(serial);
-    let sink = SerialSink::new(serial, PACKET.take());
-
     let matcher = defmt::unwrap!(Matcher::new(&CONFIG, Armv7em, matcher_memory));
-    let session = Session::with_watchdog(camera, matcher, sink, LINES.take(), watchdog);
-    let mut session = defmt::unwrap!(session);
-    let mut begun = clock::now();
-    loop {
-        match session.step() {
-            Ok(Event::FrameDone { frame }) => {
-                let took = clock::since(core::mem::replace(&mut begun, clock::now()));
-                let statistics = session.statistics();
-                defmt::info!("frame {} in {}: {}", frame, took, statistics);
-            }
-            Ok(Event::Fault(fault)) => defmt::warn!("{}", fault),
-            Ok(_) => {}
-            Err(error) => defmt::warn!("{}", error),
-        }
-    }
+    run(
+        camera,
+        matcher,
+        serial,
+        PACKET.take(),
+        LINES.take(),
+        watchdog,
+    )
 }
 
 /// Clock tree: 400 MHz from the 8 MHz that the board's debug probe supplies.

@@ -5,11 +5,10 @@ use cortex_m::peripheral::{MPU, Peripherals};
 use embassy_stm32::pac::RCC;
 use grounded::uninit::GroundedArrayCell;
 
-use crate::CONFIG;
-use crate::capture::RAW_WORDS;
+use crate::{CONFIG, RIG};
 
 /// Words of both raw lines.
-const RAW_LINES_WORDS: usize = 2 * RAW_WORDS;
+const RAW_LINES_WORDS: usize = 2 * RIG.raw_words();
 
 #[unsafe(export_name = "lent_memory")]
 #[unsafe(link_section = ".axisram")]
@@ -52,22 +51,30 @@ unsafe fn initialised((start, words): (*mut u32, usize)) -> &'static mut [u32] {
 
 /// Sets up the protection of memory:
 ///
-/// - All 128 KB of SRAM1 are normal memory that is neither cached nor executable, so that the core
-///   reads what DMA1 has written.
+/// - Flash is read and executed, never written; the RAMs that are used are not executed.
+/// - All 128 KB of SRAM1 are not cached either, so that the core reads what DMA1 has written.
 /// - Of the DTCM nobody may touch the 4 KB above the statics. A stack that grows too deep faults
 ///   there, and the watchdog restarts the board, before it overwrites statics.
 fn protect(mpu: &mut MPU) {
+    const FLASH: u32 = 0x0800_0000;
+    const DTCM: u32 = 0x2000_0000;
+    const AXI_SRAM: u32 = 0x2400_0000;
     const SRAM1: u32 = 0x3000_0000;
     const EXECUTE_NEVER: u32 = 1 << 28;
     const FULL_ACCESS: u32 = 0b011 << 24;
+    const READ_ONLY: u32 = 0b110 << 24;
     const NO_ACCESS: u32 = 0;
-    const NORMAL_NOT_CACHED: u32 = 0b001 << 19;
+    // Flash and RAM are cached as the default map has it.
+    const WRITTEN_THROUGH: u32 = 0b000_010 << 16;
+    const WRITTEN_BACK: u32 = 0b001_011 << 16;
+    const NOT_CACHED: u32 = 0b001_000 << 16;
     const SHAREABLE: u32 = 1 << 18;
     const REGION_ENABLE: u32 = 1;
     /// Size field of a region: the binary logarithm of its bytes, less 1.
     const fn size(bytes: u32) -> u32 {
         (bytes.ilog2() - 1) << 1
     }
+    const RAM: u32 = EXECUTE_NEVER | FULL_ACCESS;
     const GUARD_BYTES: u32 = 4096;
     const ENABLE: u32 = 1;
     const DEFAULT_MAP_ELSEWHERE: u32 = 1 << 2;
@@ -76,18 +83,19 @@ fn protect(mpu: &mut MPU) {
         static __sheap: u32;
     }
     let statics_end = (&raw const __sheap).addr() as u32;
+    // Where regions overlap, the last one holds.
     let regions = [
-        (
-            SRAM1,
-            EXECUTE_NEVER | FULL_ACCESS | NORMAL_NOT_CACHED | SHAREABLE | size(128 * 1024),
-        ),
+        (FLASH, READ_ONLY | WRITTEN_THROUGH | size(2 << 20)),
+        (DTCM, RAM | WRITTEN_BACK | size(128 << 10)),
+        (AXI_SRAM, RAM | WRITTEN_BACK | size(512 << 10)),
+        (SRAM1, RAM | NOT_CACHED | SHAREABLE | size(128 << 10)),
         (
             statics_end.next_multiple_of(GUARD_BYTES),
-            EXECUTE_NEVER | NO_ACCESS | NORMAL_NOT_CACHED | size(GUARD_BYTES),
+            EXECUTE_NEVER | NO_ACCESS | NOT_CACHED | size(GUARD_BYTES),
         ),
     ];
-    // SAFETY: there is no reference to SRAM1 yet, the stack is far above the guard, and the default
-    // map stays for all other memory.
+    // SAFETY: code is in flash and read only, there is no reference to SRAM1 yet, the stack is far
+    // above the guard, and the default map stays for all other memory.
     unsafe {
         for (number, (base, attributes)) in (0..).zip(regions) {
             mpu.rnr.write(number);

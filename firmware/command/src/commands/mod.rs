@@ -7,7 +7,8 @@ use clap::{Args, Parser, Subcommand};
 use vgstereo_sim::tables::table;
 
 use crate::build::{build, lint};
-use crate::toolchain::{ensure_complete, install, needs};
+use crate::model;
+use crate::toolchain::{ModelCompiler, ensure_complete, install, needs};
 use selection::Selection;
 
 pub mod bench;
@@ -77,6 +78,16 @@ impl CommandLine {
                 for board in boards {
                     lint(&board)?;
                     text += &format!("{}: no warnings\n", board.name);
+                    if board.model.is_none() {
+                        continue;
+                    }
+                    text += &match ModelCompiler::find().filter(|compiler| compiler.lints()) {
+                        Some(_) => {
+                            model::lint(&board)?;
+                            format!("{}, the model: no warnings\n", board.name)
+                        }
+                        None => format!("{}, the model: no clippy for it\n", board.name),
+                    };
                 }
                 Ok(text)
             }

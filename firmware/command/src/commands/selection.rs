@@ -8,7 +8,7 @@ use crate::toolchain::ModelCompiler;
 /// The option of the verbs that take one board or all boards.
 #[derive(Debug, Clone, Args)]
 pub struct Selection {
-    /// Only this board: stm32f405, mps2-an500, riscv-virt, riscv-virt-zbb or stm32h743.
+    /// Only this board: stm32f405, mps2-an500, riscv-virt, riscv-virt-zbb, stm32h743 or stm32f407.
     #[arg(long, value_name = "B", value_parser = parse_board)]
     board: Option<Board>,
 }
@@ -42,7 +42,7 @@ impl EmulatedSelection {
 #[derive(Debug, Clone, Args)]
 pub struct ExecutedSelection {
     /// Only this board: stm32f405, mps2-an500, riscv-virt, riscv-virt-zbb or stm32h743.
-    #[arg(long, value_name = "B", value_parser = parse_board)]
+    #[arg(long, value_name = "B", value_parser = parse_executed_board)]
     board: Option<Board>,
 }
 
@@ -75,5 +75,17 @@ pub fn parse_board(name: &str) -> Result<Board, String> {
 pub fn parse_emulated_board(name: &str) -> Result<Board, String> {
     let board = parse_board(name)?;
     board.emulation().map_err(|error| error.to_string())?;
+    Ok(board)
+}
+
+/// Returns the board that has this name.
+///
+/// # Errors
+/// Fails with one line when no board has the name or when it runs only as hardware.
+pub fn parse_executed_board(name: &str) -> Result<Board, String> {
+    let board = parse_board(name)?;
+    if !board.is_executed() {
+        board.emulation().map_err(|error| error.to_string())?;
+    }
     Ok(board)
 }

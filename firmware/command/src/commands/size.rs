@@ -79,7 +79,8 @@ impl Size {
         }
         Ok(format!(
             "{table}\nbytes; of emulated boards flash holds every preset, and the emulator's files and reports\n\
-            deepest stack: the compiler's frames along the deepest chain of calls, those by pointers left out\n"
+            deepest stack: the compiler's frames along the deepest chain of calls, those by pointers left out, and \
+            the deepest handler of an interrupt\n"
         ))
     }
 }

@@ -1,18 +1,20 @@
 //! Implementation of the camera trait over the camera port and the trigger of the sensors.
 
+use embassy_stm32::dcmi::FrameDma;
+use embassy_stm32::dma;
 use embassy_stm32::gpio::Output;
+use embassy_stm32::interrupt::typelevel::Binding;
+use embassy_stm32::peripherals::DCMI;
 use embassy_time::Duration;
 use vgstereo_firmware::Watchdog;
 use vgstereo_firmware::camera::{ErrorKind, ErrorType, Geometry, LinePair, LinePairSource};
 
-use crate::capture::{Capture, RAW_WORDS};
+use crate::capture::Capture;
 use crate::clock::{self, wait_for};
+use crate::rig::Rig;
 use crate::sensors::Sensors;
 use crate::watchdog::Iwdg;
-use crate::{FRAME_US, GEOMETRY, LAYOUT};
 
-/// Longest wait for a line, or for the end of a frame.
-const FRAME: Duration = Duration::from_micros(FRAME_US as u64);
 /// Time between two attempts to set up a sensor that does not answer.
 const RETRY: Duration = Duration::from_millis(500);
 
@@ -22,12 +24,14 @@ const RETRY: Duration = Duration::from_millis(500);
 ///
 /// A sensor that does not answer is an error of the bus, again and again until it does. That
 /// feeds the watchdog: a reset would not bring the sensor back.
-pub struct StereoCamera {
+pub struct StereoCamera<D: FrameDma<DCMI>, I> {
+    rig: Rig,
     sensors: Sensors,
-    capture: Capture,
+    capture: Capture<D, I>,
     trigger: Output<'static>,
     watchdog: Iwdg,
-    raw: [u32; RAW_WORDS],
+    /// The raw line that was copied out of the ring.
+    raw: &'static mut [u32],
     /// Number of frames started so far, modulo 2^32.
     frames: u32,
     /// Number of the next line of the current frame, or `None` if a new frame must be started.
@@ -36,24 +40,37 @@ pub struct StereoCamera {
     dropped: Option<u32>,
 }
 
-impl StereoCamera {
+impl<D, I> StereoCamera<D, I>
+where
+    D: FrameDma<DCMI>,
+    I: Binding<D::Interrupt, dma::InterruptHandler<D>> + Copy + 'static,
+{
     /// Creates a camera whose sensors start a frame at the rising edge of `trigger`, which is low.
+    /// `raw` holds a raw line.
     pub fn new(
+        rig: Rig,
         sensors: Sensors,
-        capture: Capture,
+        capture: Capture<D, I>,
         trigger: Output<'static>,
         watchdog: Iwdg,
+        raw: &'static mut [u32],
     ) -> Self {
         Self {
+            rig,
             sensors,
             capture,
             trigger,
             watchdog,
-            raw: [0; RAW_WORDS],
+            raw,
             frames: 0,
             line: None,
             dropped: None,
         }
+    }
+
+    /// Longest wait for a line, or for the end of a frame.
+    fn longest(&self) -> Duration {
+        Duration::from_micros(self.rig.frame_us().into())
     }
 
     /// Returns the number of the next line of the current frame, or starts a new frame and returns
@@ -64,7 +81,7 @@ impl StereoCamera {
         }
         // The sensors always send a whole frame: lines below the geometry, or the rest after a
         // fault, have to pass. The wait for a frame that never ends is bounded.
-        wait_for(FRAME, || self.capture.progress().has_ended);
+        wait_for(self.longest(), || self.capture.progress().has_ended);
         if let Err(not_ready) = self.sensors.make_ready() {
             if not_ready.is_absent {
                 self.watchdog.feed();
@@ -89,16 +106,16 @@ impl StereoCamera {
     /// Waits for a line and copies it out of the ring.
     fn receive(&mut self, line: u32) -> Result<(), ErrorKind> {
         let mut progress = self.capture.progress();
-        let came = wait_for(FRAME, || {
+        let came = wait_for(self.longest(), || {
             progress = self.capture.progress();
-            progress.fault.is_some() || progress.lines() > line || progress.has_ended
+            progress.fault.is_some() || progress.lines > line || progress.has_ended
         });
         self.end_trigger();
         if let Some(fault) = progress.fault {
             return Err(fault);
         }
-        if progress.lines() > line {
-            return self.capture.read(&mut self.raw);
+        if progress.lines > line {
+            return self.capture.read(self.raw);
         }
         Err(if came {
             ErrorKind::ShortFrame
@@ -108,28 +125,35 @@ impl StereoCamera {
     }
 }
 
-impl ErrorType for StereoCamera {
+impl<D: FrameDma<DCMI>, I> ErrorType for StereoCamera<D, I> {
     type Error = ErrorKind;
 }
 
-impl LinePairSource for StereoCamera {
+impl<D, I> LinePairSource for StereoCamera<D, I>
+where
+    D: FrameDma<DCMI>,
+    I: Binding<D::Interrupt, dma::InterruptHandler<D>> + Copy + 'static,
+{
     fn geometry(&self) -> Geometry {
-        GEOMETRY
+        self.rig.geometry
     }
 
     fn read_pair(&mut self, left: &mut [u8], right: &mut [u8]) -> Result<LinePair, ErrorKind> {
-        let line_bytes = GEOMETRY.line_bytes();
+        let Rig {
+            geometry, layout, ..
+        } = self.rig;
+        let line_bytes = geometry.line_bytes();
         if left.len() != line_bytes || right.len() != line_bytes {
             return Err(ErrorKind::Other);
         }
         let line = self.next_line()?;
         let raw = self.receive(line);
         let split = raw.and_then(|()| {
-            let raw = bytemuck::cast_slice(&self.raw);
-            LAYOUT.split(GEOMETRY.format, raw, left, right)
+            let raw = bytemuck::cast_slice(self.raw);
+            layout.split(geometry.format, raw, left, right)
         });
         // A frame is whole only if both sensors have sent all of it.
-        let is_last = line + 1 == GEOMETRY.height;
+        let is_last = line + 1 == geometry.height;
         let split = split.and_then(|()| {
             if is_last && !self.sensors.are_ready() {
                 return Err(ErrorKind::Bus);
@@ -138,7 +162,7 @@ impl LinePairSource for StereoCamera {
         });
         if let Err(error) = split {
             self.line = None;
-            let lost = GEOMETRY.height - line;
+            let lost = geometry.height - line;
             self.dropped = self.dropped.map(|dropped| dropped.saturating_add(lost));
             return Err(error);
         }

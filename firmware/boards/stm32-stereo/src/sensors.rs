@@ -6,25 +6,17 @@
 
 use embassy_stm32::i2c::{self, I2c};
 use embassy_stm32::mode::Blocking;
-use embassy_time::Delay;
+use embassy_time::{Delay, Duration};
 use hm01b0::{Error, Exposure, Hm01b0, Mode, registers};
 use vgstereo_firmware::camera::ErrorKind;
 
-use crate::LINE_US;
+use crate::rig::{FRAME_LINES, Rig};
 
 /// Pixel clocks per millisecond: half the clock that is fed to the sensor.
 const PIXEL_CLOCKS_PER_MS: u32 = 4000;
-/// Lines per frame, including the gap.
-const FRAME_LINES: u16 = 260;
-/// Time of exposure, which suits rooms.
+/// Time of exposure, which suits rooms. It is fixed, because automatic exposures of the two sensors
+/// would drift apart.
 const EXPOSURE_US: u32 = 30_000;
-/// Exposure of both sensors. It is fixed, because automatic exposures of the two sensors would
-/// drift apart.
-const EXPOSURE: Exposure = Exposure {
-    integration_lines: (EXPOSURE_US / LINE_US) as u16,
-    analog_gain: 0,
-    digital_gain: 0x100,
-};
 
 // Registers for which the driver has no names.
 const FRAME_LENGTH_LINES_HIGH: u16 = 0x0340;
@@ -37,6 +29,18 @@ const QVGA_WINDOW: u16 = 0x3010;
 const CLOCK_DIVIDER: u8 = 0b11;
 const DIVIDED_BY_2: u8 = 0b10;
 const GATED_CLOCK: u8 = 1 << 5;
+
+/// Longest wait for a step on a sensor's bus. The ten attempts of a set-up take less than the
+/// watchdog waits.
+const BUS_TIMEOUT: Duration = Duration::from_millis(10);
+
+/// Returns how a sensor's bus is to be set up.
+#[must_use]
+pub fn bus_config() -> i2c::Config {
+    let mut config = i2c::Config::default();
+    config.timeout = BUS_TIMEOUT;
+    config
+}
 
 /// Bus of one sensor.
 pub type Bus = I2c<'static, Blocking, i2c::Master>;
@@ -59,10 +63,10 @@ pub struct Sensors {
 
 impl Sensors {
     /// Takes the buses of the sensors, which are not set up yet.
-    pub fn new(left: Bus, right: Bus) -> Self {
+    pub fn new(left: Bus, right: Bus, rig: &Rig) -> Self {
         Self {
-            left: Sensor::new("left", left),
-            right: Sensor::new("right", right),
+            left: Sensor::new("left", left, rig.line_us),
+            right: Sensor::new("right", right, rig.line_us),
         }
     }
 
@@ -87,6 +91,8 @@ impl Sensors {
 struct Sensor {
     name: &'static str,
     device: Hm01b0<Bus>,
+    /// Period of a line, us.
+    line_us: u32,
     /// Whether it was set up and has answered since.
     is_up: bool,
     /// Number of times that it was set up.
@@ -96,10 +102,11 @@ struct Sensor {
 }
 
 impl Sensor {
-    fn new(name: &'static str, bus: Bus) -> Self {
+    fn new(name: &'static str, bus: Bus, line_us: u32) -> Self {
         Self {
             name,
             device: Hm01b0::new(bus),
+            line_us,
             is_up: false,
             setups: 0,
             failures: 0,
@@ -122,7 +129,7 @@ impl Sensor {
         if self.is_ready() {
             return Ok(());
         }
-        match set_up(&mut self.device) {
+        match set_up(&mut self.device, self.line_us) {
             Ok(()) => {
                 self.is_up = true;
                 self.setups = self.setups.saturating_add(1);
@@ -148,13 +155,13 @@ impl Sensor {
     }
 }
 
-/// Sets a sensor up and leaves it waiting for its trigger.
-fn set_up(sensor: &mut Hm01b0<Bus>) -> Result<(), Error<i2c::Error>> {
+/// Sets a sensor up with this period of a line, us, and leaves it waiting for its trigger.
+fn set_up(sensor: &mut Hm01b0<Bus>, line_us: u32) -> Result<(), Error<i2c::Error>> {
     sensor.init(&mut Delay)?;
     sensor.modify_register(registers::OSC_CLK_DIV, |bits| {
         bits & !(GATED_CLOCK | CLOCK_DIVIDER) | DIVIDED_BY_2
     })?;
-    let line_clocks = (LINE_US * PIXEL_CLOCKS_PER_MS / 1000).min(u16::MAX.into()) as u16;
+    let line_clocks = (line_us * PIXEL_CLOCKS_PER_MS / 1000).min(u16::MAX.into()) as u16;
     let [line_high, line_low] = line_clocks.to_be_bytes();
     let [frame_high, frame_low] = FRAME_LINES.to_be_bytes();
     for (register, value) in [
@@ -166,6 +173,10 @@ fn set_up(sensor: &mut Hm01b0<Bus>) -> Result<(), Error<i2c::Error>> {
     ] {
         sensor.write_register(register, value)?;
     }
-    sensor.set_exposure(&EXPOSURE)?;
+    sensor.set_exposure(&Exposure {
+        integration_lines: (EXPOSURE_US / line_us) as u16,
+        analog_gain: 0,
+        digital_gain: 0x100,
+    })?;
     sensor.set_mode(Mode::Trigger)
 }
