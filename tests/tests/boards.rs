@@ -443,11 +443,15 @@ fn waits_out_another_chip_and_a_stuck_bus(board: &Board) -> Result<(), Failed> {
     assert_eq!(whole_frames(&ran).len(), 1, "of two frames");
     assert_eq!(ran.report.armed, [2, 1]);
     // The number of an HM0360, which has the same address.
-    assert!(logged(&ran, "no left sensor, failure 1: ModelId { found: 864 }") == 1);
-    assert!(logged(&ran, "no right sensor, failure 1: I2c(Timeout)") == 1);
+    let stranger = "no left sensor, failure 1: ModelId { found: 864 }";
+    assert_eq!(logged(&ran, stranger), 1);
+    let stuck = "no right sensor, failure 1: I2c(Timeout)";
+    assert_eq!(logged(&ran, stuck), 1);
     assert_eq!(logged(&ran, "the left sensor was lost"), 1);
-    assert!(logged(&ran, "Camera(Other)") > 0);
-    assert!(logged(&ran, "Camera(Bus)") > 0);
+    let (others, buses) = (logged(&ran, "Camera(Other)"), logged(&ran, "Camera(Bus)"));
+    assert!(others > 0 && buses > 0);
+    let counters = format!("bus_errors: {buses}, other_errors: {others},");
+    assert_eq!(logged(&ran, &counters), 1, "{counters}");
     assert_eq!(logged(&ran, "frames_dropped: 1,"), 1);
     Ok(())
 }
