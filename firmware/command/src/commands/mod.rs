@@ -35,7 +35,7 @@ enum Verb {
     /// Check the boards' crates with clippy; a warning is an error.
     Lint(Selection),
     /// Run a board on a pair of images and write its disparity map.
-    Run(run::Run),
+    Run(Box<run::Run>),
     /// Compare boards with the host, byte for byte, with every preset that fits.
     Verify(verify::Verify),
     /// Count instructions per pixel and disparity, in all and per stage.
