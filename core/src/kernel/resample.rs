@@ -121,7 +121,8 @@ impl ResampleRow<'_> {
     #[inline(always)]
     fn line(&self, y: i32) -> &[u8] {
         let last = self.starts.len().saturating_sub(1) as i32;
-        let line = (y - i32::from(self.first_line)).clamp(0, last) as usize;
+        // Not `clamp`, which panics unless its bounds are in order.
+        let line = (y - i32::from(self.first_line)).min(last).max(0) as usize;
         let start = self.starts.get(line);
         let start = start.map_or(usize::MAX, |&start| start as usize);
         self.levels.get(start..).unwrap_or_default()
@@ -130,7 +131,7 @@ impl ResampleRow<'_> {
     /// The level of a line at a column, or at the nearest that is there.
     #[inline(always)]
     fn level(&self, line: &[u8], x: i32) -> i32 {
-        let column = x.clamp(0, self.width.saturating_sub(1) as i32) as usize;
+        let column = x.min(self.width.saturating_sub(1) as i32).max(0) as usize;
         line.get(column).copied().unwrap_or(0).into()
     }
 }

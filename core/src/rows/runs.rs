@@ -85,8 +85,9 @@ impl MatchPositions {
         } else {
             (start - self.first - least, end - self.first - beyond + 1)
         };
-        let before = before.clamp(0, width);
-        let after = after.clamp(before, width);
+        // Not `clamp`, which panics unless its bounds are in order.
+        let before = before.min(width).max(0);
+        let after = after.min(width).max(before);
         let steps_per_px = i32::from(STEPS_PER_PX);
         for x in (0..before).chain(after..width) {
             let index = x as usize;
