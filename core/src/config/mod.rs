@@ -154,6 +154,51 @@ impl From<SynapseError> for ConfigError {
     }
 }
 
+impl Parameters {
+    /// Checks all that does not depend on the rest of a [`Config`].
+    ///
+    /// # Errors
+    /// [`ConfigError`] for the first field that is out of its range.
+    pub const fn validate(&self) -> Result<(), ConfigError> {
+        let synapses = self.synapses as usize;
+        if synapses == 0 || !synapses.is_multiple_of(SYNAPSE_STEP) || synapses > MAX_SYNAPSES {
+            return Err(ConfigError::Synapses);
+        }
+        let [first, second] = self.sigmas_px;
+        // Written so that NaN is refused.
+        let is_sigma =
+            first > 0.0 && first <= MAX_SIGMA_PX && second > 0.0 && second <= MAX_SIGMA_PX;
+        if !is_sigma {
+            return Err(ConfigError::Synapse(SynapseError::Sigma));
+        }
+        if !self.support.is_valid() {
+            return Err(ConfigError::Synapse(SynapseError::Support));
+        }
+        match &self.method {
+            Method::Recall(recall) => {
+                if recall.candidates == 0 || recall.candidates > MAX_CANDIDATES {
+                    return Err(ConfigError::Candidates);
+                }
+                if recall.median_reach_px > MAX_MEDIAN_REACH_PX {
+                    return Err(ConfigError::Median);
+                }
+            }
+            Method::Sgm(sgm) => {
+                if !sgm.costs_fit_u8() {
+                    return Err(ConfigError::Costs);
+                }
+                if sgm.line_offset_max_q4 > MAX_LINE_OFFSET_Q4 {
+                    return Err(ConfigError::LineOffset);
+                }
+                if !sgm.windows_fit() {
+                    return Err(ConfigError::Windows);
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
 impl Config {
     /// Returns a configuration with the left view as reference, the whole view as region, grey
     /// lines and dense output.
@@ -176,45 +221,14 @@ impl Config {
     /// # Errors
     /// [`ConfigError`] for the first field that is out of its range.
     pub const fn validate(&self) -> Result<(), ConfigError> {
-        let parameters = &self.parameters;
-        let synapses = parameters.synapses as usize;
-        if synapses == 0 || !synapses.is_multiple_of(SYNAPSE_STEP) || synapses > MAX_SYNAPSES {
-            return Err(ConfigError::Synapses);
+        if let Err(error) = self.parameters.validate() {
+            return Err(error);
         }
-        let [first, second] = parameters.sigmas_px;
-        // Written so that NaN is refused.
-        let is_sigma =
-            first > 0.0 && first <= MAX_SIGMA_PX && second > 0.0 && second <= MAX_SIGMA_PX;
-        if !is_sigma {
-            return Err(ConfigError::Synapse(SynapseError::Sigma));
-        }
-        if !parameters.support.is_valid() {
-            return Err(ConfigError::Synapse(SynapseError::Support));
-        }
-        match &parameters.method {
-            Method::Recall(recall) => {
-                if recall.candidates == 0 || recall.candidates > MAX_CANDIDATES {
-                    return Err(ConfigError::Candidates);
-                }
-                if recall.median_reach_px > MAX_MEDIAN_REACH_PX {
-                    return Err(ConfigError::Median);
-                }
-            }
-            Method::Sgm(sgm) => {
-                // An index in 1/16 px must fit 16 bits.
-                if self.disparities.count > MAX_MAGNITUDE_PX as u16 + 1 {
-                    return Err(ConfigError::Disparities);
-                }
-                if !sgm.costs_fit_u8() {
-                    return Err(ConfigError::Costs);
-                }
-                if sgm.line_offset_max_q4 > MAX_LINE_OFFSET_Q4 {
-                    return Err(ConfigError::LineOffset);
-                }
-                if !sgm.windows_fit() {
-                    return Err(ConfigError::Windows);
-                }
-            }
+        // An index in 1/16 px must fit 16 bits.
+        if matches!(self.parameters.method, Method::Sgm(_))
+            && self.disparities.count > MAX_MAGNITUDE_PX as u16 + 1
+        {
+            return Err(ConfigError::Disparities);
         }
         if !self.disparities.fits(self.width) {
             return Err(ConfigError::Disparities);
