@@ -333,6 +333,17 @@ fn element(node: roxmltree::Node<'_, '_>, depth: usize) -> Result<Value> {
 }
 
 fn parse_npy(bytes: &[u8]) -> Result<Value> {
+    // Version 1 states the length of its header in two bytes and the others in four. As much as that
+    // is allocated before anything is read.
+    let header_bytes = match bytes.get(6..) {
+        Some([1, _, a, b, ..]) => u16::from_le_bytes([*a, *b]).into(),
+        Some([_, _, a, b, c, d, ..]) => u32::from_le_bytes([*a, *b, *c, *d]),
+        _ => u32::MAX,
+    };
+    ensure!(
+        u64::from(header_bytes) < bytes.len() as u64,
+        "the header breaks off"
+    );
     let file = npyz::NpyFile::new(bytes)?;
     // More would not be the matrix of a camera; it bounds what is allocated for a false header.
     ensure!(file.len() <= 64, "{} numbers in one matrix", file.len());
@@ -437,7 +448,19 @@ mod tests {
         let document = Document::parse("calib/rot_mat.npy", &bytes).unwrap();
         let read = document.root().require("rot_mat").unwrap().list().unwrap();
         assert_eq!(read, [1.5, -2.0]);
-        let error = Document::parse("rot_mat.npy", &bytes[..90]).unwrap_err();
-        assert!(format!("{error:#}").contains("rot_mat.npy"));
+        let refused = |bytes: &[u8]| {
+            let error = Document::parse("rot_mat.npy", bytes).unwrap_err();
+            let error = format!("{error:#}");
+            assert!(error.contains("rot_mat.npy"), "{error}");
+            error
+        };
+        refused(&bytes[..90]);
+        // A header of 4 GiB, of which nothing is there.
+        for version in 2..=3 {
+            bytes[6] = version;
+            bytes[8..12].fill(0xff);
+            assert!(refused(&bytes).contains("the header breaks off"));
+        }
+        assert!(refused(&bytes[..9]).contains("the header breaks off"));
     }
 }
