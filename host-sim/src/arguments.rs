@@ -9,6 +9,7 @@ use vgstereo_core::geometry::Interpolation;
 use vgstereo_core::{Output, Parameters, Preset};
 
 use crate::calibration::{Keep, Options, projections};
+use crate::escapes::shown;
 use crate::parameters::{with_file, with_setting};
 
 /// Options that replace parameters of a preset. A later field overrides an earlier one.
@@ -43,21 +44,28 @@ impl Overrides {
     /// Fails with one line that names the file or option and the reason.
     pub fn apply(&self, preset: Preset) -> Result<Parameters> {
         let mut parameters = preset.parameters();
+        let mut options = Vec::new();
         if let Some(path) = &self.config {
             parameters = with_file(&parameters, path)?;
+            options.push(format!("--config {}", shown(path)));
         }
         for setting in &self.set {
             parameters = with_setting(&parameters, setting)?;
+            options.push(format!("--set {setting}"));
         }
         if let Some(synapses) = self.synapses {
             parameters.synapses = synapses;
+            options.push(format!("--synapses {synapses}"));
         }
         if let Some(sigma_px) = self.sigma {
             parameters = parameters.with_sigma(sigma_px);
+            options.push(format!("--sigma {sigma_px}"));
         }
         if let Some(seed) = self.seed {
             parameters = parameters.with_seed(seed);
         }
+        // Together, as one alone may be out of its range until the next is replaced too.
+        parameters.validate().with_context(|| options.join(", "))?;
         Ok(parameters)
     }
 }
@@ -127,7 +135,7 @@ impl RectifiedViews {
     pub fn options(&self, size: Option<[u16; 2]>) -> Result<Options> {
         let projections = match &self.projection {
             Some(path) => {
-                let name = path.display().to_string();
+                let name = shown(path);
                 let bytes = fs::read(path).with_context(|| format!("cannot read {name}"))?;
                 let projections = projections(&name, &bytes)?;
                 Some(projections.with_context(|| format!("{name}: there are no P1 and P2"))?)

@@ -7,6 +7,7 @@ use vgstereo_core::INVALID;
 use vgstereo_core::geometry::Depth;
 
 use crate::disparity_files::grey_png;
+use crate::escapes::shown;
 use crate::pfm::Pfm;
 
 /// How depths are stored in a file.
@@ -29,7 +30,7 @@ impl DepthFormat {
             Some(ending) if ending == "pfm" => Ok(Self::Pfm),
             _ => bail!(
                 "{}: the name of a depth map ends in .png (mm) or .pfm (m)",
-                path.display()
+                shown(path)
             ),
         }
     }

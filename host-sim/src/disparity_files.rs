@@ -6,6 +6,7 @@ use std::path::Path;
 use anyhow::{Result, bail, ensure};
 use vgstereo_core::{DisparityRange, INVALID, STEPS_PER_PX};
 
+use crate::escapes::shown;
 use crate::pfm::Pfm;
 
 /// A file format for disparity maps.
@@ -57,16 +58,13 @@ impl DisparityFormat {
             Some("pgm") => Container::Pgm,
             Some("pfm") => return Self::pfm_without(scale, path),
             None if path == Path::new("-") => return Self::pfm_without(scale, path),
-            _ => bail!(
-                "{}: the name must end in .png, .pgm or .pfm",
-                path.display()
-            ),
+            _ => bail!("{}: the name must end in .png, .pgm or .pfm", shown(path)),
         };
         let range_px = range.range_px();
         ensure!(
             range_px.start >= 0,
             "{}: only a .pfm file can hold negative disparities",
-            path.display()
+            shown(path)
         );
         let largest_px = (range_px.end - 1).max(1) as f32;
         let most = f32::from(u16::MAX) / largest_px;
@@ -82,7 +80,7 @@ impl DisparityFormat {
         ensure!(
             (SCALE_MIN..=most).contains(&scale),
             "{}: --scale {scale} is not from {SCALE_MIN} to {most}, with which {largest_px} px still fit 16 bits",
-            path.display()
+            shown(path)
         );
         Ok(Self::Scaled {
             container,
@@ -95,7 +93,7 @@ impl DisparityFormat {
         ensure!(
             scale.is_none(),
             "{}: a PFM holds pixels as they are: leave --scale out",
-            path.display()
+            shown(path)
         );
         Ok(Self::Pfm)
     }

@@ -1,13 +1,16 @@
-//! Writing of files. Errors name the file, and no file is left half written.
+//! Reading and writing of files. Errors name the file, no more is read than a file of its kind can
+//! have, and no file is left half written.
 
 use std::fs;
-use std::io::{self, Write};
+use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
 use image::{DynamicImage, ImageFormat};
 use tempfile::NamedTempFile;
+
+use crate::escapes::shown;
 
 /// Held while there are temporary files: from before the first is made until the last has become
 /// what it is to be, or was removed.
@@ -21,6 +24,50 @@ pub fn without_temporary_files() -> MutexGuard<'static, ()> {
         .unwrap_or_else(PoisonError::into_inner)
 }
 
+/// Largest number of bytes of a file of text: parameters, a scene's numbers, a calibration.
+pub const TEXT_BYTES_MAX: u64 = 1 << 24;
+
+/// Returns the bytes of a file that has at most `bytes_max`.
+///
+/// # Errors
+/// Fails with one line that names the file and the reason: it cannot be read, or it has more bytes. A
+/// regular file that has more is not read.
+pub fn read_file(path: &Path, bytes_max: u64) -> Result<Vec<u8>> {
+    let name = shown(path);
+    let cannot_read = || format!("cannot read {name}");
+    let file = fs::File::open(path).with_context(cannot_read)?;
+    let length = file.metadata().with_context(cannot_read)?.len();
+    ensure_bounded(length, bytes_max).with_context(cannot_read)?;
+    read_bounded(file, bytes_max).with_context(cannot_read)
+}
+
+/// Returns the bytes of a file of text, as [`read_file`] does, as text.
+///
+/// # Errors
+/// Fails with one line that names the file and the reason: as [`read_file`] does with
+/// [`TEXT_BYTES_MAX`], or it is no text in UTF-8.
+pub fn read_text(path: &Path) -> Result<String> {
+    let bytes = read_file(path, TEXT_BYTES_MAX)?;
+    String::from_utf8(bytes)
+        .map_err(|_| anyhow!("cannot read {}: it is no text in UTF-8", shown(path)))
+}
+
+/// Returns what a reader has, at most `bytes_max` bytes.
+///
+/// # Errors
+/// Fails with one line that gives the reason: it cannot be read, or it has more bytes.
+pub fn read_bounded(reader: impl Read, bytes_max: u64) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    reader.take(bytes_max + 1).read_to_end(&mut bytes)?;
+    ensure_bounded(bytes.len() as u64, bytes_max)?;
+    Ok(bytes)
+}
+
+fn ensure_bounded(bytes: u64, bytes_max: u64) -> Result<()> {
+    ensure!(bytes <= bytes_max, "it has more than {bytes_max} bytes");
+    Ok(())
+}
+
 /// Writes each of these files whole or not at all: it writes temporary files beside them, and
 /// renames these when all are written. Links are followed, and what is not a regular file, such
 /// as a pipe or `/dev/null`, is written directly and first.
@@ -30,7 +77,7 @@ pub fn without_temporary_files() -> MutexGuard<'static, ()> {
 pub fn write_files<P: AsRef<Path>>(files: &[(P, Vec<u8>)]) -> Result<()> {
     let paths: Vec<&Path> = files.iter().map(|(path, _)| path.as_ref()).collect();
     ensure_distinct_outputs(&[], &paths)?;
-    let cannot_write = |path: &Path| format!("cannot write {}", path.display());
+    let cannot_write = |path: &Path| format!("cannot write {}", shown(path));
     let (direct, renamed): (Vec<_>, Vec<_>) = files
         .iter()
         .map(|(path, bytes)| (path.as_ref(), bytes))
@@ -55,15 +102,14 @@ pub fn write_files<P: AsRef<Path>>(files: &[(P, Vec<u8>)]) -> Result<()> {
     Ok(())
 }
 
-/// Returns the names and the contents of these files.
+/// Returns the names and the contents of these files of text.
 ///
 /// # Errors
-/// Fails with one line that names the file and the reason.
+/// Fails with one line that names the file and the reason, as [`read_file`] does.
 pub fn read_all(paths: &[PathBuf]) -> Result<Vec<(String, Vec<u8>)>> {
     let files = paths.iter().map(|path| {
-        let name = path.display().to_string();
-        let bytes = fs::read(path).with_context(|| format!("cannot read {name}"))?;
-        Ok((name, bytes))
+        let bytes = read_file(path, TEXT_BYTES_MAX)?;
+        Ok((shown(path), bytes))
     });
     files.collect()
 }
@@ -80,16 +126,16 @@ pub fn ensure_distinct_outputs(inputs: &[&Path], outputs: &[&Path]) -> Result<()
             ensure!(
                 !is_one_file(other, output),
                 "the outputs {} and {} are one file",
-                other.display(),
-                output.display()
+                shown(other),
+                shown(output)
             );
         }
         for input in inputs {
             ensure!(
                 !is_one_file(input, output),
                 "the output {} would replace the input {}",
-                output.display(),
-                input.display()
+                shown(output),
+                shown(input)
             );
         }
     }
@@ -172,5 +218,5 @@ pub fn encode(image: &DynamicImage, format: ImageFormat) -> Result<Vec<u8>> {
 /// # Errors
 /// Fails with one line that names the folder and the reason.
 pub fn make_folder(path: &Path) -> Result<()> {
-    fs::create_dir_all(path).with_context(|| format!("cannot make the folder {}", path.display()))
+    fs::create_dir_all(path).with_context(|| format!("cannot make the folder {}", shown(path)))
 }

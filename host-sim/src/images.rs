@@ -15,13 +15,18 @@ use image::{
     ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits, Rgb, RgbImage,
 };
 
+use crate::escapes::shown;
+use crate::files::read_bounded;
+
 /// Largest number of pixels along a side of an image.
 pub const SIDE_MAX_PX: u32 = 65_535;
 /// Largest number of pixels of an image.
 pub const PIXELS_MAX: u64 = 1 << 26;
 /// Largest number of bytes of an image file: an uncompressed image of [`PIXELS_MAX`] pixels, with
 /// room to spare.
-const FILE_BYTES_MAX: u64 = 1 << 30;
+pub(crate) const FILE_BYTES_MAX: u64 = 1 << 30;
+/// Number of bytes at the beginning of an image file that tell its format.
+const HEAD_BYTES: u64 = 64;
 
 /// An image file whose header was read.
 #[derive(Debug)]
@@ -40,16 +45,11 @@ impl ImageFile {
     /// # Errors
     /// Fails with one line that names the file and the reason.
     pub fn open(path: &Path) -> Result<Self> {
-        let name = path.display().to_string();
-        let read = |reader: &mut dyn Read| -> std::io::Result<Vec<u8>> {
-            let mut bytes = Vec::new();
-            reader.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes)?;
-            Ok(bytes)
-        };
+        let name = shown(path);
         let bytes = if path == Path::new("-") {
-            read(&mut std::io::stdin().lock())
+            read_image(std::io::stdin().lock())
         } else {
-            File::open(path).and_then(|mut file| read(&mut file))
+            File::open(path).map_err(Into::into).and_then(read_image)
         };
         Self::from_bytes(bytes.with_context(|| format!("cannot read {name}"))?, &name)
     }
@@ -61,12 +61,7 @@ impl ImageFile {
     /// the header is damaged, or the image is empty or too large.
     pub fn from_bytes(bytes: Vec<u8>, name: &str) -> Result<Self> {
         let refused = |reason: String| anyhow!("cannot read {name}: {reason}");
-        let guessed = ImageReader::new(Cursor::new(&bytes)).with_guessed_format();
-        let Some(format) = guessed.ok().and_then(|reader| reader.format()) else {
-            return Err(refused(
-                "neither PNG, JPEG, TIFF, WebP, BMP nor a portable map".to_owned(),
-            ));
-        };
+        let format = format_of(&bytes).with_context(|| format!("cannot read {name}"))?;
         let mut file = Self {
             name: name.to_owned(),
             bytes,
@@ -74,10 +69,6 @@ impl ImageFile {
             width: 0,
             height: 0,
         };
-        ensure!(
-            file.bytes.len() as u64 <= FILE_BYTES_MAX,
-            refused(format!("it has more than {FILE_BYTES_MAX} bytes"))
-        );
         let mut decoder = file.decoder()?;
         let (mut width, mut height) = decoder.dimensions();
         let turned = matches!(
@@ -146,6 +137,21 @@ impl ImageFile {
     fn refused(&self, error: &dyn std::fmt::Display) -> anyhow::Error {
         anyhow!("cannot read {}: {error}", self.name)
     }
+}
+
+/// Returns the bytes of an image file. What does not begin as one is not read on, as it may have no end.
+fn read_image(mut reader: impl Read) -> Result<Vec<u8>> {
+    let mut head = Vec::new();
+    reader.by_ref().take(HEAD_BYTES).read_to_end(&mut head)?;
+    format_of(&head)?;
+    read_bounded(head.chain(reader), FILE_BYTES_MAX)
+}
+
+/// The format of an image file, by its first [`HEAD_BYTES`].
+fn format_of(bytes: &[u8]) -> Result<ImageFormat> {
+    let guessed = ImageReader::new(Cursor::new(bytes)).with_guessed_format();
+    let format = guessed.ok().and_then(|reader| reader.format());
+    format.context("neither PNG, JPEG, TIFF, WebP, BMP nor a portable map")
 }
 
 /// Checks that an image has no more pixels than are read.

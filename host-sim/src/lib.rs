@@ -1,7 +1,8 @@
 //! The host simulator of vgstereo. It feeds the core that firmware links with stored images and
 //! rendered scenes.
 //!
-//! From the bottom up: [`files`], [`images`], [`pfm`], [`disparity_files`], [`depth_files`] and [`parameters`] read
+//! From the bottom up: [`escapes`] makes names printable; [`files`], [`images`], [`pfm`],
+//! [`disparity_files`], [`depth_files`] and [`parameters`] read
 //! and write files. [`mod@calibration`] makes rectifications from calibration files.
 //! [`scene`] and [`views`] hold stereo pairs, [`mod@rectify`] rectifies them, [`dataset`] loads them, [`render`] makes one, and
 //! [`exposure`] and [`line_offset`] let the right camera differ from the left. [`camera`] and
@@ -19,6 +20,7 @@ pub mod commands;
 pub mod dataset;
 pub mod depth_files;
 pub mod disparity_files;
+pub mod escapes;
 pub mod exposure;
 pub mod files;
 pub mod frame;

@@ -6,6 +6,9 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use toml::{Table, Value};
 use vgstereo_core::{Method, Parameters};
 
+use crate::escapes::shown;
+use crate::files::read_text;
+
 /// The value that leaves out an optional stage, in a file and on the command line.
 const NONE: &str = "none";
 
@@ -35,14 +38,22 @@ pub fn to_toml(parameters: &Parameters) -> Result<String> {
 /// # Errors
 /// Fails with one line that names the file and the reason.
 pub fn with_file(parameters: &Parameters, path: &Path) -> Result<Parameters> {
-    let text =
-        std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let text = read_text(path)?;
+    with_toml(parameters, &text, &shown(path))
+}
+
+/// Returns `parameters` after those in the text of a TOML file have replaced them; `name` is for
+/// messages.
+///
+/// # Errors
+/// Fails with one line that gives name and reason.
+pub fn with_toml(parameters: &Parameters, text: &str, name: &str) -> Result<Parameters> {
     let changes: Table = text
         .parse()
-        .map_err(|error: toml::de::Error| anyhow!("{}: {}", path.display(), error.message()))?;
+        .map_err(|error: toml::de::Error| anyhow!("{name}: {}", error.message()))?;
     let mut table = Table::try_from(parameters)?;
     merge(&mut table, changes);
-    from_table(table).with_context(|| path.display().to_string())
+    from_table(table).with_context(|| name.to_owned())
 }
 
 /// Returns `parameters` after one of them has been replaced. The setting is `key=value`, with
@@ -117,13 +128,11 @@ mod tests {
 
     #[test]
     fn every_preset_reads_back() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("p.toml");
         for preset in Preset::ALL {
             let parameters = preset.parameters();
-            std::fs::write(&path, to_toml(&parameters).unwrap()).unwrap();
+            let text = to_toml(&parameters).unwrap();
             for other in Preset::ALL {
-                let read = with_file(&other.parameters(), &path).unwrap();
+                let read = with_toml(&other.parameters(), &text, "p.toml").unwrap();
                 assert_eq!(read, parameters, "{preset} over {other}");
             }
         }

@@ -2,12 +2,13 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use vgstereo_core::geometry::Rectification;
 use vgstereo_core::{Config, DisparityRange, Output, Parameters};
 use vgstereo_kernels::NativeKernels;
 
 use crate::dataset::load_scene;
+use crate::escapes::{shown, shown_name};
 use crate::frame::{Matched, match_frame};
 use crate::metrics::BadPixels;
 use crate::rectify::rectified;
@@ -28,16 +29,26 @@ impl Prepared {
     /// # Errors
     /// Fails with one line that names the file or folder and the reason.
     pub fn load(folder: &Path, grey: bool) -> Result<Self> {
-        Self::new(load_scene(folder)?, grey).with_context(|| folder.display().to_string())
+        Self::new(load_scene(folder)?, grey).with_context(|| shown(folder))
     }
 
     /// Prepares a scene that is already in memory. With `grey`, the grey of colour images is
     /// matched.
     ///
     /// # Errors
-    /// Fails when the views are wider than a matcher takes.
+    /// Fails when the views are wider than a matcher takes, or not wider than the largest disparity.
     pub fn new(scene: Scene, grey: bool) -> Result<Self> {
         let views = Views::new(scene.left.clone(), scene.right.clone(), grey)?;
+        Self::with_views(scene, views)
+    }
+
+    fn with_views(scene: Scene, views: Views) -> Result<Self> {
+        ensure!(
+            scene.d_max < views.width,
+            "d_max, {} px, is not smaller than the width of the views, {} px",
+            scene.d_max,
+            views.width
+        );
         Ok(Self { scene, views })
     }
 
@@ -45,7 +56,8 @@ impl Prepared {
     /// scene's. With `grey`, the grey of colour images is matched.
     ///
     /// # Errors
-    /// Fails with one line that gives the reason when the rectification is for views of another size.
+    /// Fails with one line that gives the reason when the rectification is for views of another size,
+    /// or as [`Prepared::new`] does.
     pub fn rectified(
         mut scene: Scene,
         grey: bool,
@@ -54,7 +66,7 @@ impl Prepared {
         let raw = Views::new(scene.left, scene.right, grey)?;
         let views = rectified(&raw, rectification)?;
         (scene.left, scene.right) = (views.picture(0)?, views.picture(1)?);
-        Ok(Self { scene, views })
+        Self::with_views(scene, views)
     }
 
     /// Returns the disparities that are searched: 0 to the scene's largest.
@@ -90,7 +102,7 @@ impl Prepared {
             ..Config::new(parameters, self.views.width, self.disparities())
         };
         match_frame(&config, &self.views, NativeKernels::fastest(), threads)
-            .with_context(|| self.scene.name.clone())
+            .with_context(|| shown_name(&self.scene.name))
     }
 
     /// Returns the bad pixels of `matched`: those further than `threshold_px` from the ground
@@ -100,7 +112,8 @@ impl Prepared {
     /// Fails when the scene has no ground truth.
     pub fn measure(&self, matched: &Matched, threshold_px: f32, sparse: bool) -> Result<BadPixels> {
         let truth = self.scene.truth.as_ref();
-        let truth = truth.with_context(|| format!("{} has no ground truth", self.scene.name))?;
+        let truth = truth
+            .with_context(|| format!("{} has no ground truth", shown_name(&self.scene.name)))?;
         Ok(BadPixels::measure(
             &matched.disparities_q4,
             truth,

@@ -1,7 +1,6 @@
 //! How a command meets its terminal: results on standard output, errors as one line on
 //! standard error, and progress while it works.
 
-use std::borrow::Cow;
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
@@ -13,6 +12,7 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 #[cfg(unix)]
 use signal_hook::iterator::Signals;
 
+use crate::escapes::printable;
 #[cfg(unix)]
 use crate::files::without_temporary_files;
 
@@ -34,7 +34,8 @@ impl From<String> for Said {
 /// Parses the arguments, runs `command` with them and prints the text that it returns.
 ///
 /// Returns code 0 on success. On a failure it prints one line on standard error and returns
-/// code 2. Control characters, which file names may have, are printed as escapes.
+/// code 2. Characters that cannot be seen, which file names may have, are printed
+/// as escapes.
 pub fn run<C: Parser, S: Into<Said>>(command: impl FnOnce(C) -> Result<S>) -> ExitCode {
     leave_nothing_behind();
     let command_line = match C::try_parse() {
@@ -108,28 +109,6 @@ fn fail(message: &str) -> ExitCode {
     ExitCode::from(2)
 }
 
-/// Returns a text whose control characters, and those that change the direction of writing, are
-/// escaped as `\\u001b`: none of them reaches a terminal. Line breaks stay.
-fn printable(text: &str) -> Cow<'_, str> {
-    let is_hidden = |c: char| {
-        (c.is_control() && c != '\n')
-            || matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
-    };
-    if !text.contains(is_hidden) {
-        return Cow::Borrowed(text);
-    }
-    let mut escaped = String::with_capacity(text.len());
-    for c in text.chars() {
-        if is_hidden(c) {
-            // Control characters are below 2^16, so that JSON reads the escapes too.
-            escaped += &format!("\\u{:04x}", u32::from(c));
-        } else {
-            escaped.push(c);
-        }
-    }
-    Cow::Owned(escaped)
-}
-
 /// Returns a progress bar of `steps` steps, labelled `what`. It is drawn on standard error,
 /// and only when that is a terminal.
 #[must_use]
@@ -139,21 +118,4 @@ pub fn progress_bar(steps: u64, what: &str) -> ProgressBar {
     ProgressBar::new(steps)
         .with_style(style)
         .with_message(what.to_owned())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn control_characters_are_escaped_and_spaces_stay() {
-        assert_eq!(printable("a  b\nc é 日"), "a  b\nc é 日");
-        assert_eq!(
-            printable("\u{1b}]0;t\u{7}\u{9b}\r\t\u{202e}\u{7f}"),
-            "\\u001b]0;t\\u0007\\u009b\\u000d\\u0009\\u202e\\u007f"
-        );
-        // What JSON escapes it reads back.
-        let name: String = serde_json::from_str(&format!("\"{}\"", printable("\u{9b}"))).unwrap();
-        assert_eq!(name, "\u{9b}");
-    }
 }

@@ -9,6 +9,7 @@ use vgstereo_core::geometry::Rectifier;
 
 use crate::arguments::{RectifiedViews, parse_size};
 use crate::calibration::{ERROR_MAX_PX, Rectified, rectify};
+use crate::escapes::shown;
 use crate::files::{ensure_distinct_outputs, read_all, write_files};
 use crate::tables::kib;
 
@@ -59,7 +60,7 @@ impl Calibration {
         }
         write_files(&written)?;
         for (path, _) in &written {
-            writeln!(text, "wrote {}", path.display())?;
+            writeln!(text, "wrote {}", shown(path))?;
         }
         Ok(text)
     }

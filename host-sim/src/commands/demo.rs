@@ -15,6 +15,7 @@ use vgstereo_kernels::NativeKernels;
 
 use crate::camera::SimulatedCamera;
 use crate::dataset::save_scene;
+use crate::escapes::shown;
 use crate::exposure::Exposure;
 use crate::files::{encode, make_folder, write_files};
 use crate::line_offset::LineOffset;
@@ -227,10 +228,10 @@ impl Demo {
         write_files(&files)?;
         let mut text = String::new();
         for (path, _) in &files {
-            writeln!(text, "wrote {}", path.display())?;
+            writeln!(text, "wrote {}", shown(path))?;
         }
         if let Some(folder) = &self.scene {
-            writeln!(text, "wrote the scene to {}", folder.display())?;
+            writeln!(text, "wrote the scene to {}", shown(folder))?;
         }
         if let Some(preset) = Preset::ALL.last() {
             writeln!(

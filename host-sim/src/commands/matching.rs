@@ -16,6 +16,7 @@ use crate::arguments::{Overrides, RectifiedViews, name_of, output_of, parse_pres
 use crate::cameras::Cameras;
 use crate::depth_files::DepthFormat;
 use crate::disparity_files::{DisparityFormat, grey_png};
+use crate::escapes::shown;
 use crate::files::{encode, ensure_distinct_outputs, make_folder, write_files};
 use crate::frame::match_frame;
 use crate::images::{ImageFile, ViewImages, bits_note, parse_bits};
@@ -150,7 +151,7 @@ impl Match {
             let png = path
                 .extension()
                 .is_some_and(|e| e.eq_ignore_ascii_case("png"));
-            ensure!(png, "{}: the name must end in .png", path.display());
+            ensure!(png, "{}: the name must end in .png", shown(path));
         }
         let standard = Path::new("-");
         let mut inputs = vec![self.left.as_path(), &self.right];
@@ -207,8 +208,8 @@ impl Match {
         config.validate()?;
         let images = ViewImages::decode(&left, &right, self.bits)?;
         drop((left, right));
-        let mut views = Views::new(images.left, images.right, self.grey)
-            .with_context(|| self.left.display().to_string())?;
+        let mut views =
+            Views::new(images.left, images.right, self.grey).with_context(|| shown(&self.left))?;
         if let Some(rectification) = &rectification {
             views = rectified(&views, rectification)?;
         }
@@ -281,13 +282,13 @@ impl Match {
                 writeln!(text, "hint: {hint}")?;
             }
         }
-        writeln!(text, "wrote {}: {}", self.out.display(), format.meaning())?;
+        writeln!(text, "wrote {}: {}", shown(&self.out), format.meaning())?;
         if let Some((path, format, _)) = &depth {
-            writeln!(text, "wrote {}: {}", path.display(), format.meaning())?;
+            writeln!(text, "wrote {}: {}", shown(path), format.meaning())?;
         }
         let others = self.colour.iter().chain(&self.confidence);
         for path in others.chain(&pictures) {
-            writeln!(text, "wrote {}", path.display())?;
+            writeln!(text, "wrote {}", shown(path))?;
         }
         Ok(if to_stdout {
             Said::Aside(text)

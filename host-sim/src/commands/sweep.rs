@@ -1,9 +1,9 @@
 //! `vgstereo sweep`: measures bad pixels over the number of synapses and sigma, as in Figures 3
 //! to 6 of the paper.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Result, anyhow, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
 use clap::Args;
 use plotters::prelude::*;
 use rayon::prelude::*;
@@ -11,8 +11,9 @@ use serde::Serialize;
 use vgstereo_core::{Output, Preset};
 
 use crate::arguments::{Overrides, parse_preset, parse_threshold};
-use crate::dataset::{ensure_distinct, find_scenes};
-use crate::files::write_files;
+use crate::dataset::{ensure_distinct, find_scenes, scene_files};
+use crate::escapes::{shown, shown_name};
+use crate::files::{ensure_distinct_outputs, write_files};
 use crate::prepared::Prepared;
 use crate::tables::{percent, table};
 use crate::terminal::progress_bar;
@@ -91,11 +92,16 @@ impl Sweep {
             let svg = path
                 .extension()
                 .is_some_and(|e| e.eq_ignore_ascii_case("svg"));
-            ensure!(svg, "{}: the name must end in .svg", path.display());
+            ensure!(svg, "{}: the name must end in .svg", shown(path));
         }
         ensure_distinct("number of synapses", &self.synapses)?;
         ensure_distinct("sigma", &self.sigma)?;
-        let scenes: Vec<Prepared> = find_scenes(&self.dir, &self.scenes)?
+        let folders = find_scenes(&self.dir, &self.scenes)?;
+        let inputs = scene_files(&folders)?;
+        let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
+        let outputs: Vec<&Path> = self.plot.iter().map(PathBuf::as_path).collect();
+        ensure_distinct_outputs(&inputs, &outputs).context("--plot")?;
+        let scenes: Vec<Prepared> = folders
             .iter()
             .map(|folder| Prepared::load(folder, false))
             .collect::<Result<_>>()?;
@@ -128,7 +134,7 @@ impl Sweep {
         }
         let mut text = self.results_table(&points, &scenes);
         if let Some(path) = &self.plot {
-            text += &format!("wrote {}\n", path.display());
+            text += &format!("wrote {}\n", shown(path));
         }
         Ok(text)
     }
@@ -163,7 +169,7 @@ impl Sweep {
         let mut rows = points.chunks(self.sigma.len());
         for scene in scenes {
             for (synapses, row) in self.synapses.iter().zip(&mut rows) {
-                let mut cells = vec![scene.scene.name.clone(), synapses.to_string()];
+                let mut cells = vec![shown_name(&scene.scene.name), synapses.to_string()];
                 cells.extend(row.iter().map(|point| percent(point.average)));
                 table.add_row(cells);
             }
@@ -197,7 +203,7 @@ fn plot(points: &[Point], scenes: &[Prepared]) -> Result<String, Box<dyn std::er
             // Room for the legend beside the curves.
             let widest = sigmas().fold(1.0, f64::max);
             let mut chart = ChartBuilder::on(panel)
-                .caption(&scene.scene.name, ("sans-serif", 18))
+                .caption(shown_name(&scene.scene.name), ("sans-serif", 18))
                 .margin(8)
                 .x_label_area_size(36)
                 .y_label_area_size(44)

@@ -10,8 +10,11 @@ use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma};
 use vgstereo_core::geometry::Interpolation;
 
 use crate::calibration::{Options, Rectified, projections, rectify};
-use crate::files::{encode, make_folder, read_all, write_files};
-use crate::images::{ImageFile, ViewImages};
+use crate::escapes::shown;
+use crate::files::{
+    TEXT_BYTES_MAX, encode, make_folder, read_all, read_file, read_text, write_files,
+};
+use crate::images::{FILE_BYTES_MAX, ImageFile, ViewImages};
 use crate::scene::{GroundTruth, Mask, Scene};
 
 mod mask;
@@ -23,6 +26,30 @@ pub use mask::StoredMask;
 pub use meta::Meta;
 pub use truth::{SCALE_RANGE, Truth};
 
+/// What a scene states in numbers.
+const META: &str = "meta.toml";
+/// The views of a scene.
+const VIEWS: [&str; 2] = ["left.png", "right.png"];
+/// The files with the truth of a scene.
+const TRUTHS: [&str; 4] = ["gt_left.png", "gt_left.pfm", "gt_right.png", "gt_right.pfm"];
+/// The masks of a scene.
+const MASKS: [&str; 3] = ["nonocc.png", "all.png", "disc.png"];
+
+/// Returns the paths of all files that [`load_scene`] and [`load_calibrated`] may read of these scenes.
+///
+/// # Errors
+/// Fails with one line that names the file and the reason when a `meta.toml` cannot be read.
+pub fn scene_files(folders: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    let mut files = Vec::new();
+    for folder in folders {
+        let names = [META].into_iter().chain(VIEWS).chain(TRUTHS).chain(MASKS);
+        files.extend(names.map(|name| folder.join(name)));
+        let calibrations = read_meta(folder)?.calibration_files;
+        files.extend(calibrations.iter().map(|name| folder.join(name)));
+    }
+    Ok(files)
+}
+
 /// Returns the folders of scenes in `folder`. Without `names`, these are its sub-folders that
 /// have a left view, sorted by name. With `names`, they are the named ones in that order; a name
 /// such as `group/scene` stands for a nested folder.
@@ -31,8 +58,7 @@ pub use truth::{SCALE_RANGE, Truth};
 /// Fails when the folder cannot be read, when a named scene does not exist or is named twice, or
 /// when there is no scene.
 pub fn find_scenes(folder: &Path, names: &[String]) -> Result<Vec<PathBuf>> {
-    let entries =
-        fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))?;
+    let entries = fs::read_dir(folder).with_context(|| format!("cannot read {}", shown(folder)))?;
     if !names.is_empty() {
         ensure_distinct("scene", names)?;
         let mut seen = Vec::new();
@@ -43,12 +69,12 @@ pub fn find_scenes(folder: &Path, names: &[String]) -> Result<Vec<PathBuf>> {
                 ensure!(
                     path.join("left.png").is_file(),
                     "{} is not a scene: it has no left.png",
-                    path.display()
+                    shown(&path)
                 );
                 // One folder has many spellings: `a`, `./a`, `a/`, a link.
                 let canonical = path.canonicalize();
                 let canonical =
-                    canonical.with_context(|| format!("cannot read {}", path.display()))?;
+                    canonical.with_context(|| format!("cannot read {}", shown(&path)))?;
                 ensure!(!seen.contains(&canonical), "scene {name} is given twice");
                 seen.push(canonical);
                 Ok(path)
@@ -58,7 +84,7 @@ pub fn find_scenes(folder: &Path, names: &[String]) -> Result<Vec<PathBuf>> {
     let mut scenes = Vec::new();
     for entry in entries {
         let path = entry
-            .with_context(|| format!("cannot read {}", folder.display()))?
+            .with_context(|| format!("cannot read {}", shown(folder)))?
             .path();
         if path.join("left.png").is_file() {
             scenes.push(path);
@@ -67,7 +93,7 @@ pub fn find_scenes(folder: &Path, names: &[String]) -> Result<Vec<PathBuf>> {
     ensure!(
         !scenes.is_empty(),
         "{} has no scenes: no folder in it has a left.png",
-        folder.display()
+        shown(folder)
     );
     scenes.sort();
     Ok(scenes)
@@ -157,11 +183,11 @@ pub fn load_calibrated(
     interpolation: Interpolation,
 ) -> Result<(Scene, Rectified)> {
     let meta = read_meta(folder)?;
-    let meta_path = folder.join("meta.toml");
+    let meta_path = folder.join(META);
     ensure!(
         !meta.calibration_files.is_empty(),
         "{}: there are no calibration_files",
-        meta_path.display()
+        shown(&meta_path)
     );
     let views = read_views(folder, bits)?;
     let (truth, (width, height)) = read_truth(folder, &meta, None)?;
@@ -172,7 +198,7 @@ pub fn load_calibrated(
     let options = Options {
         size: Some([side(raw_width)?, side(raw_height)?]),
         view_size: Some([side(width)?, side(height)?]),
-        projections: projections(&meta_path.display().to_string(), &read(&meta_path)?)?,
+        projections: projections(&shown(&meta_path), &read_file(&meta_path, TEXT_BYTES_MAX)?)?,
         interpolation,
         ..Options::default()
     };
@@ -181,22 +207,20 @@ pub fn load_calibrated(
 }
 
 fn read_meta(folder: &Path) -> Result<Meta> {
-    let path = folder.join("meta.toml");
-    let text =
-        fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
-    Meta::parse(&text, &path.display().to_string())
+    let path = folder.join(META);
+    let text = read_text(&path)?;
+    Meta::parse(&text, &shown(&path))
 }
 
 fn read_views(folder: &Path, bits: Option<u8>) -> Result<ViewImages> {
-    let [left, right] = ["left.png", "right.png"].map(|file| ImageFile::open(&folder.join(file)));
+    let [left, right] = VIEWS.map(|file| ImageFile::open(&folder.join(file)));
     ViewImages::decode(&left?, &right?, bits)
 }
 
 fn scene(folder: &Path, meta: &Meta, views: ViewImages, truth: GroundTruth) -> Scene {
-    let name = folder.file_name().map_or_else(
-        || folder.display().to_string(),
-        |n| n.to_string_lossy().into_owned(),
-    );
+    let name = folder
+        .file_name()
+        .map_or_else(|| shown(folder), |n| n.to_string_lossy().into_owned());
     Scene {
         name,
         left: views.left,
@@ -226,13 +250,14 @@ fn read_truth(
         for extension in ["png", "pfm"] {
             let path = folder.join(format!("gt_{view}.{extension}"));
             if path.is_file() {
-                let name = path.display().to_string();
+                let name = shown(&path);
                 ensure!(
                     extension != "png" || meta.gt_scale.is_some(),
                     "{}: gt_scale is missing, the steps per px of {name}",
-                    folder.join("meta.toml").display()
+                    shown(&folder.join(META))
                 );
-                let truth = Truth::from_bytes(&read(&path)?, meta.gt_scale, &name)?;
+                let truth =
+                    Truth::from_bytes(&read_file(&path, FILE_BYTES_MAX)?, meta.gt_scale, &name)?;
                 ensure_size(&path, (truth.width, truth.height))?;
                 return Ok(Some(truth.px));
             }
@@ -244,16 +269,12 @@ fn read_truth(
         if !path.is_file() {
             return Ok(None);
         }
-        let mask = StoredMask::from_bytes(&read(&path)?, &path.display().to_string())?;
+        let mask = StoredMask::from_bytes(&read_file(&path, FILE_BYTES_MAX)?, &shown(&path))?;
         ensure_size(&path, (mask.width, mask.height))?;
         Ok(Some(mask.pixels))
     };
-    let left_px = truth("left")?.with_context(|| {
-        format!(
-            "{} has neither gt_left.png nor gt_left.pfm",
-            folder.display()
-        )
-    })?;
+    let left_px = truth("left")?
+        .with_context(|| format!("{} has neither gt_left.png nor gt_left.pfm", shown(folder)))?;
     let mut truth = GroundTruth {
         right_px: truth("right")?,
         nonocc: mask("nonocc.png")?,
@@ -266,10 +287,6 @@ fn read_truth(
         truth.all = Some(known.into());
     }
     Ok((truth, size.get().unwrap_or_default()))
-}
-
-fn read(path: &Path) -> Result<Vec<u8>> {
-    fs::read(path).with_context(|| format!("cannot read {}", path.display()))
 }
 
 /// Saves a scene that has ground truth in a folder, which is made if it does not exist, so that
@@ -325,7 +342,7 @@ pub fn save_scene(folder: &Path, scene: &Scene) -> Result<()> {
             images.push((name, mask(pixels)?));
         }
     }
-    let mut paths = vec![folder.join("meta.toml")];
+    let mut paths = vec![folder.join(META)];
     let mut contents = vec![toml::to_string(&meta)?.into_bytes()];
     for (name, image) in &images {
         paths.push(folder.join(name));
@@ -341,7 +358,7 @@ fn ensure_size(path: &Path, found: (u32, u32), view: (u32, u32)) -> Result<()> {
     ensure!(
         found == view,
         "{} is {}x{}, but the left view is {}x{}",
-        path.display(),
+        shown(path),
         found.0,
         found.1,
         view.0,

@@ -337,7 +337,7 @@ fn eval_and_sweep_refuse_bad_folders() {
         (
             "meta.toml",
             b"d_max = 80\ngt_scale = 4\n",
-            &["a", "disparities"],
+            &["set/a", "d_max, 80 px", "smaller than the width"],
         ),
         ("gt_left.png", b"", &["set/a/gt_left.png"]),
         ("all.png", &tiny, &["set/a/all.png", "1x1", "80x40"]),

@@ -186,7 +186,97 @@ fn names_reach_the_terminal_escaped_and_whole() {
             wrote.stdout
         );
         assert!(fixture.path(name).is_file());
+        // A name of two lines, one of which looks like the program's own.
+        let name = "map\nwrote other\u{200b}.pfm";
+        let wrote = fixture.run(&["match", "left.png", "right.png", "--out", name]);
+        assert_eq!(wrote.code, Some(0), "{}", wrote.stderr);
+        let lines: Vec<&str> = wrote.stdout.lines().collect();
+        let named = |line: &&&str| line.starts_with("wrote ");
+        assert_eq!(lines.iter().filter(named).count(), 1, "{}", wrote.stdout);
+        assert!(
+            wrote
+                .stdout
+                .contains("wrote map\\u000awrote other\\u200b.pfm")
+        );
+        assert!(refused("no\nerror: \u{feff}.png").contains("no\\u000aerror: \\ufeff.png"));
     }
+}
+
+/// Of what has no end, no more is read than tells that it is of no use.
+#[cfg(target_os = "linux")]
+#[test]
+fn what_has_no_end_is_refused_early() {
+    use assert_cmd::Command;
+    let fixture = Fixture::new();
+    for (arguments, word) in [
+        (
+            &["match", "/dev/zero", "right.png", "--out", "o.png"][..],
+            "neither PNG",
+        ),
+        (
+            &[
+                "match",
+                "left.png",
+                "right.png",
+                "--out",
+                "o.png",
+                "--config",
+                "/dev/zero",
+            ],
+            "more than",
+        ),
+        (&["calibration", "/dev/zero", "--out", "o.vgr"], "more than"),
+    ] {
+        // As much memory as the program takes by itself, and little more.
+        let limited = "ulimit -v 400000; exec \"$0\" \"$@\"";
+        let output = Command::new("sh")
+            .current_dir(fixture.folder.path())
+            .args(["-c", limited, env!("CARGO_BIN_EXE_vgstereo")])
+            .args(arguments)
+            .output()
+            .unwrap();
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {error}");
+        assert!(
+            error.contains("/dev/zero") && error.contains(word),
+            "{error}"
+        );
+        assert_eq!(error.lines().count(), 1, "{error}");
+    }
+}
+
+/// Parameters are refused by the options that they came from, whatever else is wrong.
+#[test]
+fn parameters_out_of_range_are_refused_by_their_options() {
+    let fixture = Fixture::new();
+    fs::write(fixture.path("p.toml"), "synapses = 17\n").unwrap();
+    let refuses = |more: &[&str], words: &[&str]| {
+        let arguments = ["match", "left.png", "right.png", "--out", "o.png"];
+        fixture.refuses(&[&arguments[..], more].concat(), words);
+        fixture.refuses(&[&["eval", "nowhere"][..], more].concat(), words);
+    };
+    refuses(
+        &["--config", "p.toml"],
+        &["--config p.toml", "multiple of 16"],
+    );
+    refuses(&["--sigma", "nan"], &["--sigma NaN", "at most 10 px"]);
+    refuses(
+        &["--preset", "lite", "--set", "method.p1=250"],
+        &["--set method.p1=250", "P1"],
+    );
+    // Out of range alone, and within it together.
+    let both = ["--set", "method.p1=90", "--set", "method.p2=100"];
+    let arguments = [
+        "match",
+        "left.png",
+        "right.png",
+        "--out",
+        "o.pfm",
+        "--preset",
+        "lite",
+    ];
+    let outcome = fixture.run(&[&arguments[..], &both].concat());
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
 }
 
 #[test]

@@ -54,6 +54,73 @@ fn a_calibration_is_not_replaced_by_what_is_made_of_it() {
     assert_eq!(fs::read(fixture.path("cal.yml")).unwrap(), b"left: 1\n");
 }
 
+/// What is measured keeps its images, though a link makes a name of an output one of an input.
+#[cfg(unix)]
+#[test]
+fn scenes_are_not_replaced_by_what_is_measured_on_them() {
+    use std::os::unix::fs::symlink;
+    let fixture = two_scenes();
+    fs::create_dir(fixture.path("out")).unwrap();
+    symlink("../set/a/left.png", fixture.path("out/a-lite-error.png")).unwrap();
+    symlink("set/a/all.png", fixture.path("plot.svg")).unwrap();
+    let [left, all] =
+        ["set/a/left.png", "set/a/all.png"].map(|name| fs::read(fixture.path(name)).unwrap());
+    let eval = ["eval", "set", "a", "--preset", "lite", "--out", "out"];
+    fixture.refuses(&eval, &["--out", "a-lite-error.png", "left.png"]);
+    let sweep = [
+        "sweep",
+        "set",
+        "a",
+        "--synapses",
+        "16",
+        "--sigma",
+        "1",
+        "--plot",
+        "plot.svg",
+    ];
+    fixture.refuses(&sweep, &["--plot", "plot.svg", "all.png"]);
+    // Parameters are an input as well.
+    fs::write(fixture.path("p.toml"), "synapses = 64\n").unwrap();
+    fs::remove_file(fixture.path("out/a-lite-error.png")).unwrap();
+    symlink("../p.toml", fixture.path("out/a-lite-disparity.png")).unwrap();
+    fixture.refuses(
+        &[&eval[..], &["--config", "p.toml"]].concat(),
+        &["--out", "p.toml"],
+    );
+    assert_eq!(fs::read(fixture.path("set/a/left.png")).unwrap(), left);
+    assert_eq!(fs::read(fixture.path("set/a/all.png")).unwrap(), all);
+}
+
+#[test]
+fn the_pictures_of_each_seed_have_its_name() {
+    let fixture = two_scenes();
+    let arguments = ["eval", "set", "a", "--preset", "lite", "--out", "out"];
+    let files = |more: &[&str]| {
+        let outcome = fixture.run(&[&arguments[..], more].concat());
+        assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+        let entries = fs::read_dir(fixture.path("out")).unwrap();
+        let mut names: Vec<String> = entries
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        fs::remove_dir_all(fixture.path("out")).unwrap();
+        names
+    };
+    assert_eq!(
+        files(&["--seeds", "7,3"]),
+        [
+            "a-lite-seed-3-disparity.png",
+            "a-lite-seed-3-error.png",
+            "a-lite-seed-7-disparity.png",
+            "a-lite-seed-7-error.png"
+        ]
+    );
+    assert_eq!(
+        files(&["--seed", "7"]),
+        ["a-lite-disparity.png", "a-lite-error.png"]
+    );
+}
+
 #[cfg(unix)]
 #[test]
 fn links_and_devices_stay_what_they_are() {

@@ -6,6 +6,7 @@ use anyhow::{Result, ensure};
 use serde::Serialize;
 
 use super::report::PresetReport;
+use crate::escapes::shown;
 use crate::metrics::mean;
 use crate::prepared::Prepared;
 use crate::published::{METHODS, SCENES, THRESHOLD_PX};
@@ -73,7 +74,7 @@ pub(super) fn ensure_has_masks(folder: &Path, scene: &Prepared) -> Result<()> {
     ensure!(
         !is_of_v2 || scene.has_all_masks(),
         "--compare needs nonocc.png, all.png and disc.png: {} has not all of them",
-        folder.display()
+        shown(folder)
     );
     Ok(())
 }

@@ -13,9 +13,10 @@ use crate::arguments::{
     InterpolationName, Overrides, name_of, output_of, parse_preset, parse_threshold,
 };
 use crate::dataset::{
-    distinct_names, ensure_distinct, find_scenes, load_calibrated, load_scene_with,
+    distinct_names, ensure_distinct, find_scenes, load_calibrated, load_scene_with, scene_files,
 };
-use crate::files::{encode, make_folder, write_files};
+use crate::escapes::{shown, shown_name};
+use crate::files::{encode, ensure_distinct_outputs, make_folder, write_files};
 use crate::frame::Matched;
 use crate::images::{bits_note, parse_bits};
 use crate::line_offset::{LineOffset, lowered};
@@ -82,7 +83,7 @@ pub struct Eval {
     /// Print JSON.
     #[arg(long)]
     json: bool,
-    /// Write coloured disparities and error maps into this folder.
+    /// Write coloured disparities and error maps into this folder; with --seeds, those of each seed.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -117,11 +118,15 @@ impl Eval {
         };
         ensure_distinct("preset", &presets)?;
         ensure_distinct("seed", &self.seeds)?;
+        for &preset in &presets {
+            self.overrides.apply(preset)?;
+        }
         let folders = find_scenes(&self.dir, &self.scenes)?;
         if self.compare {
             ensure_comparable(self.threshold, &folders)?;
         }
         if let Some(out) = &self.out {
+            self.ensure_keeps_inputs(out, &presets, &folders)?;
             make_folder(out)?;
         }
         let by_seed = self.measure_all(&presets, &folders)?;
@@ -131,16 +136,59 @@ impl Eval {
         }
     }
 
+    /// Checks that no picture replaces another one or what is read.
+    ///
+    /// # Errors
+    /// Fails with one line that names two paths.
+    fn ensure_keeps_inputs(
+        &self,
+        out: &Path,
+        presets: &[Preset],
+        folders: &[PathBuf],
+    ) -> Result<()> {
+        let mut inputs = scene_files(folders)?;
+        inputs.extend(self.overrides.config.clone());
+        let inputs: Vec<&Path> = inputs.iter().map(PathBuf::as_path).collect();
+        for name in distinct_names(folders) {
+            let runs = self.seeds().into_iter();
+            let runs = runs.flat_map(|seed| presets.iter().map(move |&preset| (seed, preset)));
+            let outputs: Vec<PathBuf> = runs
+                .flat_map(|(seed, preset)| self.picture_paths(out, &name, preset, seed))
+                .collect();
+            let outputs: Vec<&Path> = outputs.iter().map(PathBuf::as_path).collect();
+            ensure_distinct_outputs(&inputs, &outputs).context("--out")?;
+        }
+        Ok(())
+    }
+
+    /// The seeds of the runs; `None` is the presets' own.
+    fn seeds(&self) -> Vec<Option<u64>> {
+        match self.seeds.as_slice() {
+            [] => vec![self.overrides.seed],
+            seeds => seeds.iter().copied().map(Some).collect(),
+        }
+    }
+
+    /// The pictures of a run: disparities and errors. Those of several seeds name theirs.
+    fn picture_paths(
+        &self,
+        out: &Path,
+        scene: &str,
+        preset: Preset,
+        seed: Option<u64>,
+    ) -> [PathBuf; 2] {
+        let seed = seed.filter(|_| !self.seeds.is_empty());
+        let seed = seed.map_or_else(String::new, |seed| format!("-seed-{seed}"));
+        ["disparity", "error"].map(|what| out.join(format!("{scene}-{preset}{seed}-{what}.png")))
+    }
+
     /// Returns, for each seed, the reports of all presets.
     fn measure_all(
         &self,
         presets: &[Preset],
         folders: &[PathBuf],
     ) -> Result<Vec<Vec<PresetReport>>> {
-        let seeds: Vec<Option<u64>> = match self.seeds.as_slice() {
-            [] => vec![self.overrides.seed],
-            seeds => seeds.iter().copied().map(Some).collect(),
-        };
+        let seeds = self.seeds();
         let runs: Vec<(Option<u64>, Preset)> = seeds
             .iter()
             .flat_map(|&seed| presets.iter().map(move |&preset| (seed, preset)))
@@ -151,7 +199,7 @@ impl Eval {
         for (folder, name) in folders.iter().zip(distinct_names(folders)) {
             let mut prepared = self.load(folder)?;
             if let Some(bits) = prepared.scene.bits {
-                bar.suspend(|| note(&format!("{name}: {}", bits_note(bits))));
+                bar.suspend(|| note(&format!("{}: {}", shown_name(&name), bits_note(bits))));
             }
             prepared.scene.name = name;
             for (&(seed, preset), reports) in runs.iter().zip(&mut reports) {
@@ -195,7 +243,7 @@ impl Eval {
             Some(made) => Prepared::rectified(scene, self.grey, &made.maps.rectification()?),
             None => Prepared::new(scene, self.grey),
         };
-        let prepared = prepared.with_context(|| folder.display().to_string())?;
+        let prepared = prepared.with_context(|| shown(folder))?;
         if self.compare {
             ensure_has_masks(folder, &prepared)?;
         }
@@ -214,7 +262,8 @@ impl Eval {
         let matched = prepared.matched(overrides.apply(preset)?, output, self.threads.get())?;
         let bad = prepared.measure(&matched, self.threshold, self.sparse)?;
         if let Some(out) = &self.out {
-            self.write_pictures(out, prepared, preset, &matched)?;
+            let paths = self.picture_paths(out, &prepared.scene.name, preset, overrides.seed);
+            self.write_pictures(&paths, prepared, &matched)?;
         }
         let scene = &prepared.scene;
         let (width, height) = scene.left.dimensions();
@@ -236,25 +285,20 @@ impl Eval {
 
     fn write_pictures(
         &self,
-        out: &Path,
+        [disparity_path, error_path]: &[PathBuf; 2],
         prepared: &Prepared,
-        preset: Preset,
         matched: &Matched,
     ) -> Result<()> {
         let scene = &prepared.scene;
         let (map, width) = (&matched.disparities_q4, scene.left.width());
-        let path = |what: &str| out.join(format!("{}-{preset}-{what}.png", scene.name));
         let coloured = colour_disparities(map, width, prepared.disparities());
-        let mut files = vec![(
-            path("disparity"),
-            encode(&coloured.into(), ImageFormat::Png)?,
-        )];
+        let mut files = vec![(disparity_path, encode(&coloured.into(), ImageFormat::Png)?)];
         if let Some(truth) = &scene.truth {
             let errors = error_map(map, width, truth, self.threshold);
-            files.push((path("error"), encode(&errors.into(), ImageFormat::Png)?));
+            files.push((error_path, encode(&errors.into(), ImageFormat::Png)?));
         }
         // A name may begin with those of folders.
-        if let Some(folder) = path("disparity").parent() {
+        if let Some(folder) = disparity_path.parent() {
             make_folder(folder)?;
         }
         write_files(&files)

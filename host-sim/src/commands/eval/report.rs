@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use crate::escapes::shown_name;
 use crate::metrics::mean;
 use crate::published::{PAPER, SCENES};
 use crate::tables::{kib, percent, table};
@@ -71,7 +72,7 @@ pub(super) fn results_table(presets: &[PresetReport], threshold_px: f32, sparse:
         for scene in &preset.scenes {
             table.add_row([
                 preset.preset.clone(),
-                scene.scene.clone(),
+                shown_name(&scene.scene),
                 percent(scene.nonocc),
                 percent(scene.all),
                 percent(scene.disc),

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::report::PresetReport;
+use crate::escapes::shown_name;
 use crate::metrics::mean;
 use crate::tables::{percent, table};
 
@@ -86,7 +87,7 @@ impl SpreadReport {
             for (name, spread) in scenes.chain([("average", &preset.average)]) {
                 table.add_row([
                     preset.preset.clone(),
-                    name.to_owned(),
+                    shown_name(name),
                     percent(spread.mean),
                     percent(spread.smallest),
                     percent(spread.largest),
