@@ -22,6 +22,12 @@ pub fn percent(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"))
 }
 
+/// Returns a difference of percentages with its sign and two decimals, or a dash when there is none.
+#[must_use]
+pub fn difference(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| format!("{value:+.2}"))
+}
+
 /// Returns a time in milliseconds with one decimal.
 #[must_use]
 pub fn milliseconds(time: Duration) -> String {

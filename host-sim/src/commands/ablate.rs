@@ -10,7 +10,7 @@ use crate::arguments::{parse_preset, parse_threshold};
 use crate::dataset::find_scenes;
 use crate::metrics::mean;
 use crate::prepared::Prepared;
-use crate::tables::{kib, percent, table};
+use crate::tables::{difference, kib, percent, table};
 use crate::terminal::progress_bar;
 
 /// The number of times that each scene is matched. The time of the fastest one is taken.
@@ -102,7 +102,7 @@ impl Ablate {
             &["left out", "average", "change", "time", "KiB", "lines"],
             1,
         );
-        let mut base: Option<(f64, f64)> = None;
+        let mut base: Option<(Option<f64>, f64)> = None;
         for (name, parameters) in variants {
             let mut averages = Vec::new();
             let (mut seconds, mut bytes) = (0.0, 0);
@@ -121,12 +121,13 @@ impl Ablate {
                 seconds += fastest;
                 bar.inc(1);
             }
-            let average = mean(averages.iter().copied()).unwrap_or(f64::NAN);
+            let average = mean(averages.iter().copied());
             let (whole_average, whole_seconds) = *base.get_or_insert((average, seconds));
+            let change = average.zip(whole_average).map(|(part, whole)| part - whole);
             table.add_row([
                 name.to_owned(),
-                percent(Some(average)),
-                format!("{:+.2}", average - whole_average),
+                percent(average),
+                difference(change),
                 format!("{:.2}", seconds / whole_seconds),
                 kib(bytes),
                 parameters.latency_lines().to_string(),

@@ -9,10 +9,11 @@ use vgstereo_core::{Method, Output, Preset};
 
 use crate::arguments::{parse_preset, parse_threshold};
 use crate::dataset::{ensure_distinct, find_scenes, load_scene};
+use crate::escapes::shown_name;
 use crate::exposure::Exposure;
 use crate::prepared::Prepared;
 use crate::render::{RenderOptions, render};
-use crate::tables::{percent, table};
+use crate::tables::{difference, percent, table};
 use crate::terminal::progress_bar;
 
 /// The arguments of `vgstereo exposure`.
@@ -184,13 +185,13 @@ fn results_table(report: &Report, presets: &[Preset], threshold_px: f32) -> Stri
     for scene in &report.scenes {
         for exposure in &scene.exposures {
             let mut row = vec![
-                scene.scene.clone(),
+                shown_name(&scene.scene),
                 from_to(exposure.gain),
                 from_to(exposure.offset),
             ];
             for preset in &exposure.presets {
                 row.push(percent(preset.average));
-                row.push(preset.cost.map_or_else(String::new, |c| format!("{c:+.2}")));
+                row.push(difference(preset.cost));
             }
             table.add_row(row);
         }

@@ -2,7 +2,9 @@
 
 use std::fs;
 
-use crate::fixture::two_scenes;
+use image::GrayImage;
+
+use crate::fixture::{Fixture, HEIGHT, WIDTH, two_scenes, write_scene};
 
 #[test]
 fn sweep_prints_the_stated_json_and_plots() {
@@ -92,4 +94,46 @@ fn a_wedge_of_exposures_is_measured() {
     }
     fixture.refuses(&["exposure", "nowhere"], &["nowhere"]);
     fixture.refuses(&["exposure", "--preset", "lite,lite"], &["lite", "twice"]);
+}
+
+/// Where no truth is known there is nothing to measure, and no number.
+#[test]
+fn a_scene_without_a_known_truth_has_dashes() {
+    let fixture = Fixture::new();
+    let unknown = GrayImage::new(WIDTH, HEIGHT);
+    let meta = "d_max = 12\ngt_scale = 4\n";
+    write_scene(
+        &fixture.path("set/a"),
+        &unknown.into(),
+        meta,
+        &["nonocc.png"],
+    );
+    for arguments in [
+        &["eval", "set", "--preset", "lite"][..],
+        &["eval", "set", "--preset", "lite", "--seeds", "1,2"],
+        &["ablate", "set", "--preset", "lite"],
+        &[
+            "sweep",
+            "set",
+            "--synapses",
+            "16",
+            "--sigma",
+            "1",
+            "--plot",
+            "plot.svg",
+        ],
+    ] {
+        let outcome = fixture.run(arguments);
+        assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+        assert!(!outcome.stdout.contains("NaN"), "{}", outcome.stdout);
+        let is_row = |line: &&str| {
+            line.starts_with("| a ") || line.starts_with("| lite") || line.starts_with("| nothing")
+        };
+        let mut rows = outcome.stdout.lines().filter(is_row).peekable();
+        assert!(rows.peek().is_some(), "{}", outcome.stdout);
+        for row in rows {
+            let cells: Vec<&str> = row.split('|').map(str::trim).collect();
+            assert!(cells.contains(&"-"), "{row}");
+        }
+    }
 }
