@@ -1,6 +1,8 @@
-//! Helpers of the tests: random pairs, measures of accuracy, faults, and oracles for every stage.
+//! Helpers of the tests: random pairs, measures of accuracy, faults, oracles for every stage, and
+//! the bodies of the fuzz targets.
 
 pub mod faults;
+pub mod fuzz;
 pub mod oracle;
 
 use std::ops::Range;
@@ -8,7 +10,9 @@ use std::ops::Range;
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_core::literal::GreyImage;
-use vgstereo_core::{Config, DisparityLine, Kernels, Matcher, Output, Parameters, Portable};
+use vgstereo_core::{
+    Config, DisparityLine, DisparityRange, Kernels, Matcher, Output, Parameters, Portable,
+};
 use vgstereo_firmware::camera::{PixelFormat, RawLine};
 use vgstereo_sim::prepared::Prepared;
 use vgstereo_sim::scene::Scene;
@@ -174,6 +178,37 @@ impl Pair {
             };
             (line(0, left), line(1, right))
         })
+    }
+}
+
+/// Makes the right view follow the left at a few disparities, so that some matches pass the checks
+/// and others do not. Some lines are left unrelated.
+pub fn follow(pair: &mut Pair, range: DisparityRange, seed: u64) {
+    let mut random = Pcg32::seed_from_u64(seed);
+    let bytes = pair.format.bytes_per_pixel();
+    let row_bytes = pair.width * bytes;
+    let lines = pair
+        .left
+        .chunks_exact(row_bytes)
+        .zip(pair.right.chunks_exact_mut(row_bytes));
+    for (left, right) in lines {
+        if random.next_u32() % 8 == 0 {
+            continue;
+        }
+        let mut shift = range.minimum_px;
+        for x in 0..pair.width {
+            if x == 0 || random.next_u32() % 16 == 0 {
+                let index = random.next_u32() % u32::from(range.count);
+                shift = range.minimum_px + index as i16;
+            }
+            let Some(from) = x.checked_add_signed(shift.into()) else {
+                continue;
+            };
+            if from < pair.width && random.next_u32() % 32 > 0 {
+                right[x * bytes..(x + 1) * bytes]
+                    .copy_from_slice(&left[from * bytes..(from + 1) * bytes]);
+            }
+        }
     }
 }
 

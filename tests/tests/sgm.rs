@@ -21,7 +21,7 @@ use vgstereo_sim::exposure::Exposure;
 use vgstereo_sim::frame::match_frame;
 use vgstereo_sim::render::{RenderOptions, render};
 use vgstereo_sim::views::Views;
-use vgstereo_tests::{Map, Pair, oracle};
+use vgstereo_tests::{Map, Pair, follow, oracle};
 
 fn micro() -> SgmParameters {
     match Preset::Micro.parameters().method {
@@ -152,37 +152,6 @@ fn disparities(width: usize) -> impl Strategy<Value = DisparityRange> {
             count: (maximum_px - minimum_px + 1).unsigned_abs(),
         })
     })
-}
-
-/// Makes the right view follow the left at a few disparities, so that some matches pass the checks
-/// and others do not. Some lines are left unrelated.
-fn follow(pair: &mut Pair, range: DisparityRange, seed: u64) {
-    let mut random = Pcg32::seed_from_u64(seed);
-    let bytes = pair.format.bytes_per_pixel();
-    let row_bytes = pair.width * bytes;
-    let lines = pair
-        .left
-        .chunks_exact(row_bytes)
-        .zip(pair.right.chunks_exact_mut(row_bytes));
-    for (left, right) in lines {
-        if random.next_u32() % 8 == 0 {
-            continue;
-        }
-        let mut shift = range.minimum_px;
-        for x in 0..pair.width {
-            if x == 0 || random.next_u32() % 16 == 0 {
-                let index = random.next_u32() % u32::from(range.count);
-                shift = range.minimum_px + index as i16;
-            }
-            let Some(from) = x.checked_add_signed(shift.into()) else {
-                continue;
-            };
-            if from < pair.width && random.next_u32() % 32 > 0 {
-                right[x * bytes..(x + 1) * bytes]
-                    .copy_from_slice(&left[from * bytes..(from + 1) * bytes]);
-            }
-        }
-    }
 }
 
 /// A pair, and a configuration that fits it, with the whole view as its region.

@@ -1,0 +1,127 @@
+//! The reader of rectifications, and the rectifier that uses them.
+
+use rand_core::{Rng, SeedableRng};
+use rand_pcg::Pcg32;
+use vgstereo_core::geometry::{Rectification, Rectifier};
+use vgstereo_core::{ColourRows, Line};
+
+/// Bytes of a rectification before its maps.
+const HEADER_BYTES: usize = 40;
+/// Frames of larger raw or rectified views are not rectified here, because they take long.
+const FRAME_MAX_PX: u64 = 1 << 13;
+/// Content is not made longer than this, to have the length that a header states.
+const LENGTH_MAX: usize = 1 << 17;
+
+/// Reads a rectification. The first byte, if it is odd, has the rest changed such that its beginning, its
+/// length, its numbers of lines and its checksum are right, as those of random bytes never are.
+pub fn run(bytes: &[u8]) {
+    let Some((&mends, content)) = bytes.split_first() else {
+        return;
+    };
+    let mut content = content.to_vec();
+    if mends % 2 == 1 {
+        mend(&mut content);
+    }
+    let Ok(rectification) = Rectification::from_bytes(&content) else {
+        return;
+    };
+    rectify_frames(&rectification);
+}
+
+/// Makes right what tells a rectification from other bytes.
+fn mend(content: &mut Vec<u8>) {
+    if content.len() < HEADER_BYTES {
+        return;
+    }
+    content[..6].copy_from_slice(b"VGRF\x01\0");
+    content[6] = 2 + content[6] % 5;
+    let side = |at: usize| usize::from(u16::from_le_bytes([content[at], content[at + 1]]));
+    let (width, height) = (side(12), side(14));
+    let step = 1 << content[6];
+    let knots = (width.div_ceil(step) + 1) * (height.div_ceil(step) + 1);
+    let length = HEADER_BYTES + 8 * (knots + height);
+    if length <= LENGTH_MAX {
+        content.resize(length, 0);
+    }
+    let seal = |content: &mut Vec<u8>| {
+        let checksum = crc32fast::hash(content);
+        content.extend(checksum.to_le_bytes());
+    };
+    seal(content);
+    if let Ok([left, right]) = Rectification::needed_lines_of(content) {
+        content[16..18].copy_from_slice(&left.to_le_bytes());
+        content[18..20].copy_from_slice(&right.to_le_bytes());
+        content.truncate(content.len() - 4);
+        seal(content);
+    }
+}
+
+/// Rectifies two frames in exactly the memory that is stated, in grey and in colour: every line comes, the
+/// last with the last raw one at the latest, and no level is beyond those of the raw line around.
+///
+/// # Panics
+/// If one of this does not hold.
+pub fn rectify_frames(rectification: &Rectification<'_>) {
+    let &Rectification {
+        raw_width,
+        raw_height,
+        width,
+        height,
+        ..
+    } = rectification;
+    let pixels = |width: u16, height: u16| u64::from(width) * u64::from(height);
+    if pixels(raw_width, raw_height).max(pixels(width, height)) > FRAME_MAX_PX {
+        return;
+    }
+    for colour in [false, true] {
+        let mut memory = vec![u32::MAX; Rectifier::words(rectification, colour)];
+        assert!(
+            memory.is_empty() || Rectifier::new(*rectification, colour, &mut memory[1..]).is_err()
+        );
+        let mut rectifier = Rectifier::new(*rectification, colour, &mut memory).unwrap();
+        // A frame that breaks off leaves nothing behind.
+        let broken = frame(&mut rectifier, raw_height / 2);
+        assert!(broken.len() <= usize::from(height));
+        rectifier.reset();
+        let first = frame(&mut rectifier, raw_height);
+        assert_eq!(first.len(), usize::from(height));
+        rectifier.reset();
+        assert!(frame(&mut rectifier, raw_height) == first);
+    }
+}
+
+/// Gives a rectifier this many raw lines of random levels; returns the rectified ones of both views.
+fn frame(rectifier: &mut Rectifier<'_, '_>, raw_lines: u16) -> Vec<[Vec<u8>; 2]> {
+    let raw_width = usize::from(rectifier.rectification().raw_width);
+    let mut random = Pcg32::seed_from_u64(1);
+    // A range within which all levels must stay.
+    let mut line = || -> Vec<u8> {
+        (0..raw_width)
+            .map(|_| 40 + (random.next_u32() % 170) as u8)
+            .collect()
+    };
+    let mut lines = Vec::new();
+    for _ in 0..raw_lines {
+        let [left, right] = [(); 2].map(|()| [line(), line()]);
+        let [left, right] = [&left, &right].map(|[grey, colour]| ColourRows {
+            grey,
+            channels: [colour; 3],
+        });
+        rectifier.push(&left, &right).unwrap();
+        while let Some(pair) = rectifier.next_pair() {
+            lines.push(pair.map(|line| {
+                let mut row = vec![0; line.width()];
+                line.write_grey(&mut row);
+                assert!(row.iter().all(|level| (40..210).contains(level)));
+                for channel in 0..3 {
+                    let mut levels = vec![0; line.width()];
+                    line.write_channel(channel, &mut levels);
+                    assert!(levels.iter().all(|level| (40..210).contains(level)));
+                    row.extend(levels);
+                }
+                row
+            }));
+        }
+    }
+    lines
+}
