@@ -79,6 +79,9 @@ impl<'a> Arbitrary<'a> for Case {
         if u.ratio(3, 4)? {
             follow(&mut pair, disparities, seed);
         }
+        if seed % 3 == 0 {
+            pair.hide_columns(seed);
+        }
         // What is left changes single levels.
         while !u.is_empty() {
             let view = if u.arbitrary()? {

@@ -2,8 +2,10 @@
 
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
+use vgstereo_core::geometry::Interpolation;
 use vgstereo_core::geometry::{Rectification, Rectifier};
-use vgstereo_core::{ColourRows, Line};
+use vgstereo_core::{ColourRows, Kernels, Line, Portable};
+use vgstereo_kernels::{Armv7em, NativeKernels};
 
 /// Bytes of a rectification before its maps.
 const HEADER_BYTES: usize = 40;
@@ -35,6 +37,7 @@ fn mend(content: &mut Vec<u8>) {
     }
     content[..6].copy_from_slice(b"VGRF\x01\0");
     content[6] = 2 + content[6] % 5;
+    content[7] %= 2;
     let side = |at: usize| usize::from(u16::from_le_bytes([content[at], content[at + 1]]));
     let (width, height) = (side(12), side(14));
     let step = 1 << content[6];
@@ -57,7 +60,8 @@ fn mend(content: &mut Vec<u8>) {
 }
 
 /// Rectifies two frames in exactly the memory that is stated, in grey and in colour: every line comes, the
-/// last with the last raw one at the latest, and no level is beyond those of the raw line around.
+/// last with the last raw one at the latest, no level is beyond those of the raw line around, unless a
+/// cubic made it, and all kernel sets give the same.
 ///
 /// # Panics
 /// If one of this does not hold.
@@ -74,24 +78,42 @@ pub fn rectify_frames(rectification: &Rectification<'_>) {
         return;
     }
     for colour in [false, true] {
-        let mut memory = vec![u32::MAX; Rectifier::words(rectification, colour)];
-        assert!(
-            memory.is_empty() || Rectifier::new(*rectification, colour, &mut memory[1..]).is_err()
-        );
-        let mut rectifier = Rectifier::new(*rectification, colour, &mut memory).unwrap();
-        // A frame that breaks off leaves nothing behind.
-        let broken = frame(&mut rectifier, raw_height / 2);
-        assert!(broken.len() <= usize::from(height));
-        rectifier.reset();
-        let first = frame(&mut rectifier, raw_height);
-        assert_eq!(first.len(), usize::from(height));
-        rectifier.reset();
-        assert!(frame(&mut rectifier, raw_height) == first);
+        let words = Rectifier::words(rectification, colour);
+        let mut short = vec![u32::MAX; words.saturating_sub(1)];
+        let refused = Rectifier::new(*rectification, colour, Portable, &mut short);
+        assert!(words == 0 || refused.is_err());
+        let expected = frames(rectification, colour, Portable);
+        assert_eq!(expected.len(), usize::from(height));
+        assert!(frames(rectification, colour, Armv7em) == expected);
+        for kernels in NativeKernels::available() {
+            assert!(frames(rectification, colour, kernels) == expected);
+        }
     }
 }
 
+/// Rectifies part of a frame, which leaves nothing behind, and two whole frames, which are alike; returns
+/// the lines of one.
+fn frames(
+    rectification: &Rectification<'_>,
+    colour: bool,
+    kernels: impl Kernels,
+) -> Vec<[Vec<u8>; 2]> {
+    let raw_height = rectification.raw_height;
+    let mut memory = vec![u32::MAX; Rectifier::words(rectification, colour)];
+    let mut rectifier = Rectifier::new(*rectification, colour, kernels, &mut memory).unwrap();
+    let broken = frame(&mut rectifier, raw_height / 2);
+    assert!(broken.len() <= usize::from(rectification.height));
+    rectifier.reset();
+    let first = frame(&mut rectifier, raw_height);
+    rectifier.reset();
+    assert!(frame(&mut rectifier, raw_height) == first);
+    first
+}
+
 /// Gives a rectifier this many raw lines of random levels; returns the rectified ones of both views.
-fn frame(rectifier: &mut Rectifier<'_, '_>, raw_lines: u16) -> Vec<[Vec<u8>; 2]> {
+fn frame<K: Kernels>(rectifier: &mut Rectifier<'_, '_, K>, raw_lines: u16) -> Vec<[Vec<u8>; 2]> {
+    let is_bounded = rectifier.rectification().interpolation == Interpolation::Bilinear;
+    let is_inside = |level: &u8| !is_bounded || (40..210).contains(level);
     let raw_width = usize::from(rectifier.rectification().raw_width);
     let mut random = Pcg32::seed_from_u64(1);
     // A range within which all levels must stay.
@@ -112,11 +134,11 @@ fn frame(rectifier: &mut Rectifier<'_, '_>, raw_lines: u16) -> Vec<[Vec<u8>; 2]>
             lines.push(pair.map(|line| {
                 let mut row = vec![0; line.width()];
                 line.write_grey(&mut row);
-                assert!(row.iter().all(|level| (40..210).contains(level)));
+                assert!(row.iter().all(is_inside));
                 for channel in 0..3 {
                     let mut levels = vec![0; line.width()];
                     line.write_channel(channel, &mut levels);
-                    assert!(levels.iter().all(|level| (40..210).contains(level)));
+                    assert!(levels.iter().all(is_inside));
                     row.extend(levels);
                 }
                 row
