@@ -69,11 +69,19 @@ fn a_rectification_for_others_is_refused() {
         let mut memory = vec![0; config.memory_words()];
         let matcher = Matcher::new(&config, Portable, &mut memory).unwrap();
         let mut strip = vec![0; Rectifier::words(&rectification, false)];
-        let rectifier = Rectifier::new(rectification, false, Portable, &mut strip).unwrap();
+        let mut rectifier = Rectifier::new(rectification, false, Portable, &mut strip).unwrap();
         let camera = camera_of.camera().unwrap();
         let mut lines = vec![0; session::memory_words(&camera.geometry())];
         let sink = FrameCollector::new();
-        Session::rectifying(camera, rectifier, matcher, sink, &mut lines, NoWatchdog).err()
+        Session::rectifying(
+            camera,
+            Some(&mut rectifier),
+            matcher,
+            sink,
+            &mut lines,
+            NoWatchdog,
+        )
+        .err()
     };
     assert_eq!(refused(&pair, WIDTH), None);
     let is_refused = |error| matches!(error, Some(SessionError::Rectification { .. }));

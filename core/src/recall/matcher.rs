@@ -153,15 +153,19 @@ impl<'m, K: Kernels> RecallMatcher<'m, K> {
         right: &(impl Line + ?Sized),
     ) -> Option<u32> {
         self.views.push(left, right, 0, &self.kernels);
-        let line = self.sampler.next_row(self.views.lines(), false)?;
-        self.recall(line);
-        Some(line)
+        self.recall_next(false)
     }
 
     /// Completes the next row inside the region after the last pair and returns its line, or `None`
     /// if there are no more.
     pub fn flush(&mut self) -> Option<u32> {
-        let line = self.sampler.next_row(self.views.lines(), true)?;
+        self.recall_next(true)
+    }
+
+    /// Recalls the next row if its lines have come, or no others will, and returns its line. Apart, so
+    /// that it is compiled once, whatever kinds of lines are pushed.
+    fn recall_next(&mut self, is_last: bool) -> Option<u32> {
+        let line = self.sampler.next_row(self.views.lines(), is_last)?;
         self.recall(line);
         Some(line)
     }

@@ -191,15 +191,19 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
     ) -> Option<u32> {
         let offset_q4 = self.alignment.offset_q4();
         self.views.push(left, right, offset_q4, &self.kernels);
-        let line = self.sampler.next_row(self.views.lines(), false)?;
-        self.match_row(line);
-        Some(line)
+        self.match_next(false)
     }
 
     /// Completes the next row inside the region after the last pair and returns its line, or `None`
     /// if there are no more.
     pub fn flush(&mut self) -> Option<u32> {
-        let line = self.sampler.next_row(self.views.lines(), true)?;
+        self.match_next(true)
+    }
+
+    /// Matches the next row if its lines have come, or no others will, and returns its line. Apart, so
+    /// that it is compiled once, whatever kinds of lines are pushed.
+    fn match_next(&mut self, is_last: bool) -> Option<u32> {
+        let line = self.sampler.next_row(self.views.lines(), is_last)?;
         self.match_row(line);
         Some(line)
     }

@@ -51,16 +51,23 @@ pub fn run(pair: &Pair, request: &Request) -> Result<(Frames, Statistics)> {
     let matcher = Matcher::new(&config, NativeKernels::fastest(), &mut memory)?;
     let sink = FrameCollector::new();
     let mut strip = Vec::new();
-    let mut session = match &pair.rectification {
-        None => Session::new(camera, matcher, sink, &mut lines)?,
+    let mut rectifier = match &pair.rectification {
         Some(bytes) => {
             let rectification = Rectification::from_bytes(bytes)?;
             strip.resize(Rectifier::words(&rectification, config.colour), 0);
             let kernels = NativeKernels::fastest();
-            let rectifier = Rectifier::new(rectification, config.colour, kernels, &mut strip)?;
-            Session::rectifying(camera, rectifier, matcher, sink, &mut lines, NoWatchdog)?
+            Some(Rectifier::new(
+                rectification,
+                config.colour,
+                kernels,
+                &mut strip,
+            )?)
         }
+        None => None,
     };
+    let rectifier = rectifier.as_mut();
+    let mut session =
+        Session::rectifying(camera, rectifier, matcher, sink, &mut lines, NoWatchdog)?;
     let mut frames = Frames::default();
     let mut whole = 0;
     let mut failures = 0;

@@ -84,13 +84,12 @@ fn serve<C: Counter>(
     );
     let camera = Metered::new(camera, &meter);
     let sink = Metered::new(sink, &meter);
-    let session = match request.calibration {
-        None => Session::new(camera, matcher, sink, lines),
-        Some(stated) => {
-            let rectifier = rectifier(stated, &request, calibration, matcher.kernels())?;
-            Session::rectifying(camera, rectifier, matcher, sink, lines, NoWatchdog)
-        }
+    let mut rectifier = match request.calibration {
+        Some(stated) => Some(rectifier(stated, &request, calibration, matcher.kernels())?),
+        None => None,
     };
+    let rectifier = rectifier.as_mut();
+    let session = Session::rectifying(camera, rectifier, matcher, sink, lines, NoWatchdog);
     let mut session = session.map_err(|_| Refusal("the session refuses the camera"))?;
 
     let reads = request.frames.saturating_add(request.faults.len() as u32);
@@ -114,7 +113,9 @@ fn serve<C: Counter>(
     })
 }
 
-/// Reads the rectification into `memory`, and builds the rectifier behind it.
+/// Reads the rectification into `memory`, and builds the rectifier behind it. Not inlined, so that its
+/// stack is free again while frames are matched.
+#[inline(never)]
 fn rectifier<K: Kernels>(
     stated: Calibration,
     request: &Request,
@@ -150,6 +151,8 @@ fn log_frame(frame: u32, statistics: Statistics) {
     );
 }
 
+/// Reads the command line. Not inlined, so that its stack is free again while frames are matched.
+#[inline(never)]
 fn read_request() -> Option<Request> {
     let mut buffer = [MaybeUninit::uninit(); COMMAND_LINE_BYTES];
     let words = sys_get_cmdline_uninit(&mut buffer).ok()?;

@@ -47,7 +47,7 @@ pub const fn memory_words(geometry: &Geometry) -> usize {
 #[derive(Debug)]
 pub struct Session<'m, C, K, S, W = NoWatchdog> {
     camera: C,
-    rectifier: Option<Rectifier<'m, 'm, K>>,
+    rectifier: Option<&'m mut Rectifier<'m, 'm, K>>,
     matcher: Matcher<'m, K>,
     sink: S,
     watchdog: W,
@@ -94,55 +94,20 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
         memory: &'m mut [u32],
         watchdog: W,
     ) -> Result<Self, SessionError> {
-        let (camera_px, matcher_px) = (camera.geometry().width, matcher.config().width);
-        if camera_px != matcher_px {
-            return Err(SessionError::Width {
-                camera_px,
-                matcher_px,
-            });
-        }
-        let height = camera.geometry().height;
-        Self::build(camera, None, height, matcher, sink, memory, watchdog)
+        Self::rectifying(camera, None, matcher, sink, memory, watchdog)
     }
 
     /// Returns a session as [`Session::with_watchdog`] does whose camera is not rectified: its raw
-    /// lines go through `rectifier`, and the matcher gets the rectified ones. A raw pair may complete
-    /// none, one or several lines of disparities; all of a frame have come with its last pair.
+    /// lines go through `rectifier`, if there is one, and the matcher gets the rectified ones. It is lent,
+    /// so that a session is not larger where there is none. A raw pair may complete none, one or several lines of disparities; all of a frame have come with its last
+    /// pair.
     ///
     /// # Errors
     /// [`SessionError`] when the rectification does not suit the camera or the matcher, when the camera's
     /// geometry does not suit the matcher, or the lent memory is too small.
     pub fn rectifying(
         camera: C,
-        rectifier: Rectifier<'m, 'm, K>,
-        matcher: Matcher<'m, K>,
-        sink: S,
-        memory: &'m mut [u32],
-        watchdog: W,
-    ) -> Result<Self, SessionError> {
-        let geometry = camera.geometry();
-        let rectification = rectifier.rectification();
-        let raw_px = [rectification.raw_width, rectification.raw_height];
-        let camera_px = [geometry.width.into(), geometry.height];
-        let (rectified_px, matcher_px) = (rectification.width, matcher.config().width);
-        if camera_px != raw_px.map(u32::from) || rectified_px != matcher_px {
-            return Err(SessionError::Rectification {
-                camera_px,
-                raw_px,
-                rectified_px,
-                matcher_px,
-            });
-        }
-        let height = rectification.height.into();
-        let rectifier = Some(rectifier);
-        Self::build(camera, rectifier, height, matcher, sink, memory, watchdog)
-    }
-
-    /// A session whose matcher gets frames of `height` lines.
-    fn build(
-        camera: C,
-        mut rectifier: Option<Rectifier<'m, 'm, K>>,
-        height: u32,
+        mut rectifier: Option<&'m mut Rectifier<'m, 'm, K>>,
         mut matcher: Matcher<'m, K>,
         sink: S,
         memory: &'m mut [u32],
@@ -150,6 +115,31 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
     ) -> Result<Self, SessionError> {
         let geometry = camera.geometry();
         let config = matcher.config();
+        let mut height = geometry.height;
+        match &rectifier {
+            Some(rectifier) => {
+                let rectification = rectifier.rectification();
+                let raw_px = [rectification.raw_width, rectification.raw_height];
+                let camera_px = [geometry.width.into(), geometry.height];
+                let (rectified_px, matcher_px) = (rectification.width, config.width);
+                if camera_px != raw_px.map(u32::from) || rectified_px != matcher_px {
+                    return Err(SessionError::Rectification {
+                        camera_px,
+                        raw_px,
+                        rectified_px,
+                        matcher_px,
+                    });
+                }
+                height = rectification.height.into();
+            }
+            None if geometry.width != config.width => {
+                return Err(SessionError::Width {
+                    camera_px: geometry.width,
+                    matcher_px: config.width,
+                });
+            }
+            None => {}
+        }
         if config.colour && geometry.format.is_grey() {
             return Err(SessionError::Colour {
                 camera: geometry.format,
