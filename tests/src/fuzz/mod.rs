@@ -14,8 +14,11 @@ pub mod rectification;
 pub mod session;
 pub mod truth_and_masks;
 
+/// What a target does with the bytes of an input.
+pub type Target = fn(&[u8]);
+
 /// The names of the targets, which are also those of their corpora, and their functions.
-pub const TARGETS: [(&str, fn(&[u8])); 8] = [
+pub const TARGETS: [(&str, Target); 8] = [
     ("calibration", calibration::run),
     ("images", images::run),
     ("matcher", matcher::run),

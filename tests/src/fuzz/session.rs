@@ -287,7 +287,7 @@ impl Model {
         let mut frames = log.iter().filter_map(|read| Some(read.camera.ok()?.frame));
         // Each frame from the first of which a pair came to the last is done or dropped.
         let first = frames.next();
-        let seen = first.map_or(0, |first| frames.last().unwrap_or(first) - first + 1);
+        let seen = first.map_or(0, |first| frames.next_back().unwrap_or(first) - first + 1);
         model.statistics.frames = model.done.len() as u32;
         model.statistics.frames_dropped = seen - model.statistics.frames;
         model
