@@ -175,7 +175,8 @@ impl Match {
         for paths in [&mut inputs, &mut outputs] {
             paths.retain(|path| *path != standard);
         }
-        ensure_distinct_outputs(&inputs, &outputs).context("outputs")?;
+        ensure_distinct_outputs(&inputs, &outputs)
+            .context("--out, --colour, --depth, --confidence, --rectified")?;
         ensure!(
             self.left != standard || self.right != standard,
             "standard input has one image: give the other by its name"

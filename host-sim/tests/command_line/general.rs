@@ -70,7 +70,7 @@ fn presets_are_listed_with_their_memory() {
         "paper ",
         "micro ",
         "256",
-        "55.1",
+        "55.2",
         "KiB in colour",
         "any height",
     ] {
