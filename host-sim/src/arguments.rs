@@ -1,6 +1,5 @@
 //! Command-line options that several commands take.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -10,6 +9,7 @@ use vgstereo_core::{Output, Parameters, Preset};
 
 use crate::calibration::{Keep, Options, projections};
 use crate::escapes::shown;
+use crate::files::{TEXT_BYTES_MAX, read_file};
 use crate::parameters::{with_file, with_setting};
 
 /// Options that replace parameters of a preset. A later field overrides an earlier one.
@@ -136,7 +136,7 @@ impl RectifiedViews {
         let projections = match &self.projection {
             Some(path) => {
                 let name = shown(path);
-                let bytes = fs::read(path).with_context(|| format!("cannot read {name}"))?;
+                let bytes = read_file(path, TEXT_BYTES_MAX)?;
                 let projections = projections(&name, &bytes)?;
                 Some(projections.with_context(|| format!("{name}: there are no P1 and P2"))?)
             }

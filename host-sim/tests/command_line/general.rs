@@ -226,6 +226,10 @@ fn what_has_no_end_is_refused_early() {
             "more than",
         ),
         (&["calibration", "/dev/zero", "--out", "o.vgr"], "more than"),
+        (
+            &["calibration", "left.png", "--projection", "/dev/zero"],
+            "more than",
+        ),
     ] {
         // As much memory as the program takes by itself, and little more.
         let limited = "ulimit -v 400000; exec \"$0\" \"$@\"";
