@@ -1,24 +1,21 @@
 //! The cameras of a pair of images, as the options of a command tell them.
 
-use std::fmt::Write;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use vgstereo_core::geometry::Rectification;
 
 use crate::arguments::RectifiedViews;
-use crate::calibration::{Rectified, rectify};
+use crate::calibration::rectify;
 use crate::files::read_all;
 
-/// What is known of the cameras: nothing, or their rectification and what it was made from.
-#[derive(Debug, Clone)]
-pub enum Cameras {
-    /// Nothing: the views are rectified.
-    Unknown,
-    /// A rectification that was made before.
-    Stored(Vec<u8>),
-    /// Calibration files.
-    Calibrated(Box<Rectified>),
+/// The cameras of a pair of images: their rectification, and what to warn of.
+#[derive(Debug, Clone, Default)]
+pub struct Cameras {
+    /// The bytes that [`Rectification::from_bytes`] reads; `None` if the views are rectified.
+    pub rectification: Option<Vec<u8>>,
+    /// What may be wrong with the calibration, a sentence each.
+    pub warnings: Vec<String>,
 }
 
 impl Cameras {
@@ -38,7 +35,7 @@ impl Cameras {
                     *views == RectifiedViews::default(),
                     "--view-size, --keep, --projection, --unit, --cropped and --binned need --calibration"
                 );
-                Ok(Self::Unknown)
+                Ok(Self::default())
             }
             [(name, bytes)] if bytes.starts_with(b"VGRF") => {
                 ensure!(
@@ -46,43 +43,25 @@ impl Cameras {
                     "{name} is made already: give --view-size, --keep and the like to vgstereo calibration"
                 );
                 Rectification::from_bytes(bytes).with_context(|| name.clone())?;
-                Ok(Self::Stored(bytes.clone()))
+                Ok(Self {
+                    rectification: Some(bytes.clone()),
+                    ..Self::default()
+                })
             }
             files => {
                 let size = [u16::try_from(width)?, u16::try_from(height)?];
                 let made = rectify(files, &views.options(Some(size))?)?;
-                Ok(Self::Calibrated(Box::new(made)))
+                Ok(Self {
+                    rectification: Some(made.maps.bytes),
+                    warnings: made.calibration.warnings,
+                })
             }
         }
     }
 
-    /// The bytes of the rectification; `None` if the views are rectified.
+    /// Lines that tell what the views are rectified by, and the warnings.
     #[must_use]
-    pub fn bytes(&self) -> Option<&[u8]> {
-        match self {
-            Self::Unknown => None,
-            Self::Stored(bytes) => Some(bytes),
-            Self::Calibrated(made) => Some(&made.maps.bytes),
-        }
-    }
-
-    /// The rectification; `None` if the views are rectified.
-    ///
-    /// # Errors
-    /// None: it was checked when it was read.
-    pub fn rectification(&self) -> Result<Option<Rectification<'_>>> {
-        let bytes = self.bytes();
-        Ok(bytes.map(Rectification::from_bytes).transpose()?)
-    }
-
-    /// What is told of the cameras: nothing if they are unknown.
-    ///
-    /// # Errors
-    /// None: see [`Cameras::rectification`].
-    pub fn told(&self) -> Result<String> {
-        let Some(r) = self.rectification()? else {
-            return Ok(String::new());
-        };
+    pub fn told(&self, r: &Rectification<'_>) -> String {
         let focal_px = f64::from(r.focal_q8) / 256.0;
         let baseline = r.depth.map_or_else(
             || "baseline unknown".to_owned(),
@@ -98,18 +77,9 @@ impl Cameras {
             r.left.kept_lines(),
             r.right.kept_lines()
         );
-        for warning in self.warnings() {
-            writeln!(text, "warning: {warning}")?;
+        for warning in &self.warnings {
+            text += &format!("warning: {warning}\n");
         }
-        Ok(text)
-    }
-
-    /// What is to be warned of.
-    #[must_use]
-    pub fn warnings(&self) -> &[String] {
-        match self {
-            Self::Calibrated(made) => &made.calibration.warnings,
-            Self::Unknown | Self::Stored(_) => &[],
-        }
+        text
     }
 }

@@ -114,6 +114,20 @@ pub fn read_all(paths: &[PathBuf]) -> Result<Vec<(String, Vec<u8>)>> {
     files.collect()
 }
 
+/// Checks that a file's name ends in a dot and `ending`, in either case.
+///
+/// # Errors
+/// Fails with one line that names the file and the ending.
+pub fn ensure_ending(path: &Path, ending: &str) -> Result<()> {
+    let found = path.extension();
+    ensure!(
+        found.is_some_and(|found| found.eq_ignore_ascii_case(ending)),
+        "{}: the name must end in .{ending}",
+        shown(path)
+    );
+    Ok(())
+}
+
 /// Checks that the files that a command writes are different ones, and none of those that it
 /// reads, however their paths are spelt. Files that are not regular are left out: two outputs
 /// may be `/dev/null`.

@@ -40,8 +40,8 @@ pub use pack::{CELLS_PER_BYTE, pack_cells};
 pub(crate) use recall::pick;
 pub use recall::{RowRecall, TieBreak, recall_row};
 pub use resample::{
-    DISPLACEMENT_BITS, Interpolation, ResampleRow, cell_positions, resample_cell, resample_row,
-    sixteenth_shift,
+    DISPLACEMENT_BITS, Interpolation, ResampleRow, cell_positions, for_each_cell, resample_cell,
+    resample_row, sixteenth_shift,
 };
 pub use select::{parabola_q4, parabolas_q4, select_row};
 pub use smooth::smooth_row;

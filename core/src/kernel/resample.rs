@@ -56,6 +56,19 @@ pub struct ResampleRow<'a> {
 /// Pixels without knots, and all of them if there are no lines, become 0.
 #[inline(always)]
 pub fn resample_row(row: &ResampleRow<'_>, output: &mut [u8]) {
+    for_each_cell(row, output, |knots, pixels| {
+        resample_cell(row, knots, pixels)
+    });
+}
+
+/// Calls `write` with every two knots of a row and the pixels between them. Pixels without knots become
+/// 0.
+#[inline(always)]
+pub fn for_each_cell(
+    row: &ResampleRow<'_>,
+    output: &mut [u8],
+    mut write: impl FnMut([[i32; 2]; 2], &mut [u8]),
+) {
     let step = 1 << row.step_shift;
     let mut cells = row.knots.windows(2);
     for pixels in output.chunks_mut(step) {
@@ -63,7 +76,7 @@ pub fn resample_row(row: &ResampleRow<'_>, output: &mut [u8]) {
             pixels.fill(0);
             continue;
         };
-        resample_cell(row, [start, end], pixels);
+        write([start, end], pixels);
     }
 }
 

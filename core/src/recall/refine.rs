@@ -18,8 +18,8 @@ pub struct RecallRefiner<'m> {
     /// The row on its way through the stages, px; then the line, 1/16 px.
     line: &'m mut [i16],
     confidences: &'m mut [u8],
-    /// What the cameras saw of the rows that are in the stages: columns of the region in the
-    /// reference view, and positions of the other view's stored row.
+    /// For each row in the stages, the run of valid columns of the reference view, counted from the
+    /// region's first, and the run of valid positions of the other view's stored row.
     valid: [ValidRuns<'m>; 2],
     rows_out: u32,
     disparities: DisparityRange,

@@ -19,7 +19,7 @@ pub struct View<'m> {
     /// Smoothed grey. The newest line is stored unsmoothed until the line below comes.
     smoothed: Option<Strip<'m>>,
     step_max: u8,
-    /// What the camera saw of each line, by stored position.
+    /// For each line, the run of stored positions that the camera saw.
     valid: ValidRuns<'m>,
     order: Order,
 }

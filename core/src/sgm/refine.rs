@@ -32,7 +32,8 @@ pub struct SgmRefiner<'m, K> {
     row: &'m mut [i16],
     /// Confidences of the rows that are in the stages.
     confidences: Ring<'m, u8>,
-    /// What the cameras saw of them: that of the reference view, and the other one.
+    /// For each of these rows, the run of stored positions that the camera saw, of the reference view and
+    /// of the other one.
     valid: [ValidRuns<'m>; 2],
     line_q4: &'m mut [i16],
     line_confidences: &'m mut [u8],

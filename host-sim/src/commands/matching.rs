@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use image::ImageFormat;
-use vgstereo_core::geometry::Depth;
+use vgstereo_core::geometry::{Depth, Rectification};
 use vgstereo_core::{Config, DisparityRange, Preset, Reference};
 use vgstereo_kernels::NativeKernels;
 
@@ -17,7 +17,7 @@ use crate::cameras::Cameras;
 use crate::depth_files::DepthFormat;
 use crate::disparity_files::{DisparityFormat, grey_png};
 use crate::escapes::shown;
-use crate::files::{encode, ensure_distinct_outputs, make_folder, write_files};
+use crate::files::{encode, ensure_distinct_outputs, ensure_ending, make_folder, write_files};
 use crate::frame::match_frame;
 use crate::images::{ImageFile, ViewImages, bits_note, parse_bits};
 use crate::pair_check::hints;
@@ -148,10 +148,7 @@ impl Match {
     /// then.
     pub fn run(self) -> Result<Said> {
         for path in self.colour.iter().chain(&self.confidence) {
-            let png = path
-                .extension()
-                .is_some_and(|e| e.eq_ignore_ascii_case("png"));
-            ensure!(png, "{}: the name must end in .png", shown(path));
+            ensure_ending(path, "png")?;
         }
         let standard = Path::new("-");
         let mut inputs = vec![self.left.as_path(), &self.right];
@@ -185,14 +182,19 @@ impl Match {
         let left = ImageFile::open(&self.left)?;
         let right = ImageFile::open(&self.right)?;
         let cameras = Cameras::read(&self.calibration, &self.views, left.dimensions())?;
-        let rectification = cameras.rectification()?;
+        let rectification = cameras.rectification.as_deref();
+        let rectification = rectification.map(Rectification::from_bytes).transpose()?;
         let (width, height) = match &rectification {
             Some(r) => (u32::from(r.width), u32::from(r.height)),
             None => left.dimensions(),
         };
         let width = u16::try_from(width)?;
         let depth = match &self.depth {
-            Some(path) => Some((path, DepthFormat::choose(path)?, self.depth(&cameras)?)),
+            Some(path) => {
+                let format = DepthFormat::choose(path)?;
+                let depth = self.depth(rectification.as_ref(), &cameras.warnings)?;
+                Some((path, format, depth))
+            }
             None => None,
         };
         let disparities = self.disparities(width)?;
@@ -269,7 +271,9 @@ impl Match {
         if let Some(bits) = images.bits {
             writeln!(text, "{}", bits_note(bits))?;
         }
-        text.push_str(&cameras.told()?);
+        if let Some(rectification) = &rectification {
+            text += &cameras.told(rectification);
+        }
         let found = matched.confidences.iter().filter(|&&c| c > 0).count();
         let percent = found * 100 / matched.confidences.len().max(1);
         let rest = if self.sparse {
@@ -299,11 +303,14 @@ impl Match {
     }
 
     /// Returns the conversion of disparities to depth.
-    fn depth(&self, cameras: &Cameras) -> Result<Depth> {
-        if let Some(rectification) = cameras.rectification()? {
+    fn depth(
+        &self,
+        rectification: Option<&Rectification<'_>>,
+        warnings: &[String],
+    ) -> Result<Depth> {
+        if let Some(rectification) = rectification {
             return rectification.depth.with_context(|| {
-                let warnings = cameras.warnings().iter();
-                let warnings: String = warnings.map(|warning| format!("; {warning}")).collect();
+                let warnings: String = warnings.iter().map(|warning| format!("; {warning}")).collect();
                 format!(
                     "--depth: the unit of the calibration's baseline is not known: give it with --unit{warnings}"
                 )

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, anyhow, ensure};
+use anyhow::{Context, Result, anyhow};
 use clap::Args;
 use plotters::prelude::*;
 use rayon::prelude::*;
@@ -13,7 +13,7 @@ use vgstereo_core::{Output, Preset};
 use crate::arguments::{Overrides, parse_preset, parse_threshold};
 use crate::dataset::{ensure_distinct, find_scenes, scene_files};
 use crate::escapes::{shown, shown_name};
-use crate::files::{ensure_distinct_outputs, write_files};
+use crate::files::{ensure_distinct_outputs, ensure_ending, write_files};
 use crate::prepared::Prepared;
 use crate::tables::{percent, table};
 use crate::terminal::progress_bar;
@@ -89,10 +89,7 @@ impl Sweep {
     /// Fails with one line that names the file or option and the reason.
     pub fn run(self) -> Result<String> {
         if let Some(path) = &self.plot {
-            let svg = path
-                .extension()
-                .is_some_and(|e| e.eq_ignore_ascii_case("svg"));
-            ensure!(svg, "{}: the name must end in .svg", shown(path));
+            ensure_ending(path, "svg")?;
         }
         ensure_distinct("number of synapses", &self.synapses)?;
         ensure_distinct("sigma", &self.sigma)?;

@@ -11,9 +11,7 @@ use vgstereo_core::geometry::Interpolation;
 
 use crate::calibration::{Options, Rectified, projections, rectify};
 use crate::escapes::shown;
-use crate::files::{
-    TEXT_BYTES_MAX, encode, make_folder, read_all, read_file, read_text, write_files,
-};
+use crate::files::{encode, make_folder, read_all, read_file, read_text, write_files};
 use crate::images::{FILE_BYTES_MAX, ImageFile, ViewImages};
 use crate::scene::{GroundTruth, Mask, Scene};
 
@@ -182,12 +180,11 @@ pub fn load_calibrated(
     bits: Option<u8>,
     interpolation: Interpolation,
 ) -> Result<(Scene, Rectified)> {
-    let meta = read_meta(folder)?;
-    let meta_path = folder.join(META);
+    let (name, text) = meta_text(folder)?;
+    let meta = Meta::parse(&text, &name)?;
     ensure!(
         !meta.calibration_files.is_empty(),
-        "{}: there are no calibration_files",
-        shown(&meta_path)
+        "{name}: there are no calibration_files"
     );
     let views = read_views(folder, bits)?;
     let (truth, (width, height)) = read_truth(folder, &meta, None)?;
@@ -198,7 +195,7 @@ pub fn load_calibrated(
     let options = Options {
         size: Some([side(raw_width)?, side(raw_height)?]),
         view_size: Some([side(width)?, side(height)?]),
-        projections: projections(&shown(&meta_path), &read_file(&meta_path, TEXT_BYTES_MAX)?)?,
+        projections: projections(&name, text.as_bytes())?,
         interpolation,
         ..Options::default()
     };
@@ -207,9 +204,14 @@ pub fn load_calibrated(
 }
 
 fn read_meta(folder: &Path) -> Result<Meta> {
+    let (name, text) = meta_text(folder)?;
+    Meta::parse(&text, &name)
+}
+
+/// The name of a scene's `meta.toml`, for messages, and its text.
+fn meta_text(folder: &Path) -> Result<(String, String)> {
     let path = folder.join(META);
-    let text = read_text(&path)?;
-    Meta::parse(&text, &shown(&path))
+    Ok((shown(&path), read_text(&path)?))
 }
 
 fn read_views(folder: &Path, bits: Option<u8>) -> Result<ViewImages> {

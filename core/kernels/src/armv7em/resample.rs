@@ -1,7 +1,7 @@
 //! Resampling of a row of a rectified view, a cell of knots at a time.
 
 use vgstereo_core::kernel::{
-    self, Interpolation, ResampleRow, cell_positions, resample_cell, sixteenth_shift,
+    self, Interpolation, ResampleRow, cell_positions, for_each_cell, resample_cell, sixteenth_shift,
 };
 
 use super::simd::{add_products_i16x2, even_bytes, odd_bytes};
@@ -22,16 +22,11 @@ pub(super) fn resample_row(row: &ResampleRow<'_>, output: &mut [u8]) {
     if row.interpolation != Interpolation::Bilinear {
         return kernel::resample_row(row, output);
     }
-    let mut cells = row.knots.windows(2);
-    for pixels in output.chunks_mut(1 << row.step_shift) {
-        let Some(&[start, end]) = cells.next() else {
-            pixels.fill(0);
-            continue;
-        };
-        if inner_cell(row, [start, end], pixels).is_none() {
-            resample_cell(row, [start, end], pixels);
+    for_each_cell(row, output, |knots, pixels| {
+        if inner_cell(row, knots, pixels).is_none() {
+            resample_cell(row, knots, pixels);
         }
-    }
+    });
 }
 
 /// Writes the pixels between two knots if all that they read is inside the lines that are kept, and

@@ -24,6 +24,7 @@ impl Kernels for Rv32 {
     forward_kernels!(set => &Portable; convert_row, pack_cells, median9_row);
     // `Armv7em` has no kernels of its own for these.
     forward_kernels!(set => &Portable; luma_row, channel_row, recall_row);
-    // The loops of `Armv7em` look up lines and check positions once per 16 pixels or so.
+    // `Armv7em` looks lines up and checks positions once per cell of knots, the reference for each
+    // pixel. Not measured here.
     forward_kernels!(set => &Armv7em; resample_row);
 }

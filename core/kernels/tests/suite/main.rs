@@ -34,8 +34,8 @@ static ALLOCATOR: guarded::Guarded = guarded::Guarded;
 macro_rules! suite {
     ($name:literal: $set:expr) => {
         suite!(@ $name: $set; luma_row, channel_row, resample_row, convert_row, smooth_row,
-            pack_cells, recall_row, mask_block, cost_run, aggregate_paths, select_row, aggregate_row, arms_row, median9_row,
-            weighted_median_row)
+            pack_cells, recall_row, mask_block, cost_run, aggregate_paths, select_row,
+            aggregate_row, arms_row, median9_row, weighted_median_row)
     };
     (@ $name:literal: $set:expr; $($kernel:ident),+) => {
         [$(trial(concat!($name, "::", stringify!($kernel)), $set, |set| $kernel(set)),)+]
@@ -106,8 +106,8 @@ impl<K: Kernels> Kernels for Forwarded<K> {
     const FUSES_SELECTION: bool = K::FUSES_SELECTION;
 
     forward_kernels!(set => &set.0, within |body| body(); luma_row,
-        channel_row, resample_row, convert_row, smooth_row, pack_cells, recall_row, mask_block, cost_run,
-        aggregate_paths, select_row, aggregate_row, arms_row, median9_row, weighted_median_row);
+        channel_row, resample_row, convert_row, smooth_row, pack_cells, recall_row, mask_block,
+        cost_run, aggregate_paths, select_row, aggregate_row, arms_row, median9_row, weighted_median_row);
 }
 
 /// The available sets are those that were detected, and the reference is the first.

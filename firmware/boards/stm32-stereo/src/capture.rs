@@ -59,7 +59,7 @@ impl Progress {
 /// Progress of the current frame, written by the interrupt, and by [`Capture::begin_frame`].
 static PROGRESS: Mutex<Cell<Progress>> = Mutex::new(Cell::new(Progress::ENDED));
 
-/// What the interrupt compares its count of lines with.
+/// The DMA stream and the sizes that the interrupt counts lines by.
 #[derive(Clone, Copy)]
 struct Ring {
     /// The stream of the DMA controller that fills it.

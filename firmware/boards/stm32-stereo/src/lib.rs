@@ -1,4 +1,4 @@
-//! What boards share that have an STM32 with a camera port (DCMI) and two HM01B0 sensors: capture
+//! Shared code of the boards with an STM32 that has a camera port (DCMI), and two HM01B0: capture
 //! of lines by DMA, the camera over it, the sensors' set-up, the clock, the watchdog, and the loop
 //! of the session. A board has its pins, clocks and memory, and chooses the chip by a feature.
 #![no_std]

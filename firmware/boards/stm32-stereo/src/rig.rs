@@ -5,7 +5,7 @@ use vgstereo_firmware::camera::{Geometry, Layout};
 /// Lines of a sensor's frame, including the gap.
 pub const FRAME_LINES: u16 = 260;
 
-/// What a board's cameras send, and in what time.
+/// Size, order and timing of the lines that a board's cameras send.
 #[derive(Debug, Clone, Copy)]
 pub struct Rig {
     /// Geometry of the lines.

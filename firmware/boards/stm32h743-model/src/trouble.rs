@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 
 const NS_PER_MS: u64 = 1_000_000;
 
-/// What is wrong. A side is 0 for the left sensor and 1 for the right one.
+/// A disturbance of the sensors, their buses or the port. A side is 0 for the left sensor and 1 for the right one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Trouble {
     /// The sensor has no power.

@@ -32,7 +32,7 @@ const GEOMETRY: Geometry = Geometry {
     height: 240,
     format: PixelFormat::Grey8,
 };
-/// What the cameras send. The period of a line is the time that the serial port and the matcher,
+/// Size, order and timing of the lines that the cameras send. The period of a line is the time that the serial port and the matcher,
 /// side by side, have for one line.
 const RIG: Rig = Rig {
     geometry: GEOMETRY,

@@ -215,7 +215,7 @@ impl Run {
         let cameras = Cameras::read(&self.calibration, &self.views, left_file.dimensions())?;
         let views = ViewImages::decode(&left_file, &right_file, None)?;
         Ok(Pair {
-            rectification: cameras.bytes().map(<[u8]>::to_vec),
+            rectification: cameras.rectification,
             name: left.display().to_string(),
             left: views.left,
             right: views.right,
