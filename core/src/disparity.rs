@@ -79,6 +79,22 @@ pub enum Reference {
     Right,
 }
 
+/// A line of disparities.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DisparityLine<'a> {
+    /// Line of the frame, from 0.
+    pub line: u32,
+    /// Column of the frame that the first disparity belongs to.
+    pub column: u16,
+    /// Disparities of the reference view from that column to the right, `region.width` of them,
+    /// 1/16 px; [`INVALID`] where none is known.
+    pub disparities_q4: &'a [i16],
+    /// Confidence of each disparity: 1 to 255 if it was found, 0 if it was filled in or is not
+    /// known. The paper's method does not measure it, and states 255 for every disparity that it
+    /// finds.
+    pub confidences: &'a [u8],
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

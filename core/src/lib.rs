@@ -60,10 +60,10 @@
 //!
 //! | module | what it has |
 //! |---|---|
-//! | [`disparity`] | the unit of disparities, their range, the value that means "none" |
+//! | [`disparity`] | the unit of disparities, lines of them, their range, the value that means "none" |
 //! | [`kernel`] | the inner loops: task, plain reference, test, a file each |
 //! | `rows` | lent memory, rings and strips of lines, views, stages from row to row |
-//! | [`geometry`] | lines of two real cameras made epipolar ones, and depths from disparities; before and after the pipeline above |
+//! | [`geometry`] | lines of two real cameras made epipolar ones; depths, points and a laser scan from disparities; before and after the pipeline above |
 //! | [`config`] | parameters, presets, and what else a matcher is built from |
 //! | `pattern` | synapses, and the patterns of a row of neurons |
 //! | `recall`, `sgm` | the two branches, each with its matcher, its refinement and what they take |
@@ -110,7 +110,7 @@
 //! [`Rectifier`](geometry::Rectifier) makes them, but for an offset of up to one line between the
 //! views, which the SGM branch learns and corrects. The core does not calibrate cameras: a
 //! [`Rectification`](geometry::Rectification) comes from elsewhere. It uses no floating point but for
-//! drawing the synapses when a matcher is built. It does not read cameras: the crate
+//! drawing the synapses when a matcher is built, and for the angles of a scan when that is. It does not read cameras: the crate
 //! `vgstereo-firmware` does, and hands their bytes over as [`Line`]s; the conversions of pixel
 //! formats are kernels.
 //!
@@ -161,8 +161,8 @@ pub use config::{
     Config, ConfigError, Method, Output, Parameters, Preset, RecallParameters, Region,
     SgmParameters,
 };
-pub use disparity::{DisparityRange, INVALID, Reference, STEPS_PER_PX};
+pub use disparity::{DisparityLine, DisparityRange, INVALID, Reference, STEPS_PER_PX};
 pub use kernel::{Kernels, Portable};
-pub use matcher::{DisparityLine, Matcher, PushError};
+pub use matcher::{Matcher, PushError};
 pub use plan::Plan;
 pub use rows::{ColourRows, Line};

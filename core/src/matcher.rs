@@ -3,6 +3,7 @@
 use core::fmt;
 
 use crate::config::{Config, ConfigError, Method};
+use crate::disparity::DisparityLine;
 use crate::kernel::{Kernels, Portable};
 use crate::pattern::Synapses;
 use crate::plan::Plan;
@@ -12,22 +13,6 @@ use crate::sgm::{SgmMatcher, SgmRefiner};
 
 /// Largest number of lines of a frame: the range of a `u32`, less the latency of any configuration.
 pub const MAX_LINES: u32 = u32::MAX - (1 << 10);
-
-/// A line of disparities.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct DisparityLine<'a> {
-    /// Line of the frame, from 0.
-    pub line: u32,
-    /// Column of the frame that the first disparity belongs to.
-    pub column: u16,
-    /// Disparities of the reference view from that column to the right, `region.width` of them,
-    /// 1/16 px; [`INVALID`](crate::disparity::INVALID) where none is known.
-    pub disparities_q4: &'a [i16],
-    /// Confidence of each disparity: 1 to 255 if it was found, 0 if it was filled in or is not
-    /// known. The paper's method does not measure it, and states 255 for every disparity that it
-    /// finds.
-    pub confidences: &'a [u8],
-}
 
 /// A pair of lines was refused; the matcher is unchanged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

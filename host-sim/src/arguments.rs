@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
-use vgstereo_core::geometry::Interpolation;
+use vgstereo_core::geometry::{Interpolation, RectifiedCamera, ScanConfig};
 use vgstereo_core::{Output, Parameters, Preset};
 
 use crate::calibration::{Keep, Options, projections};
@@ -155,6 +155,63 @@ impl RectifiedViews {
     }
 }
 
+/// Options of a laser scan.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Laser scan")]
+pub struct ScanOptions {
+    /// Also write a virtual laser scan, the nearest range at each bearing: .yaml (fields of ROS's
+    /// LaserScan, rad and m) or .png (plan view); needs the cameras' numbers as --depth does.
+    #[arg(long, value_name = "FILE")]
+    pub scan: Option<PathBuf>,
+    /// Number of bearings of the scan, at equal angles over the view.
+    #[arg(long, value_name = "N", default_value_t = 90)]
+    scan_bearings: u16,
+    /// Heights that count, relative to the camera, mm: LOW,HIGH.
+    #[arg(
+        long,
+        value_name = "LOW,HIGH",
+        default_value = "-300,300",
+        value_parser = parse_heights,
+        allow_hyphen_values = true
+    )]
+    scan_heights: [i16; 2],
+    /// How far the camera looks down, degrees; the scan is level [default: 0, or that of the built-in
+    /// scene].
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    scan_pitch: Option<f32>,
+    /// Ranges beyond this do not count, mm.
+    #[arg(long, value_name = "MM", default_value_t = 20_000)]
+    scan_range: u16,
+    /// Number of lines in which something must be seen at a bearing to count, 1 to 8.
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    scan_lines: u8,
+}
+
+impl ScanOptions {
+    /// Returns what a scan by these options looks at, in views of `width` columns from this camera, which
+    /// is known to look down by `pitch_rad`, or not known.
+    #[must_use]
+    pub fn config(
+        &self,
+        camera: RectifiedCamera,
+        width: u16,
+        pitch_rad: Option<f32>,
+    ) -> ScanConfig {
+        let [low, high] = self.scan_heights;
+        let stated_rad = self.scan_pitch.map(f32::to_radians);
+        ScanConfig {
+            camera,
+            columns: 0..width,
+            bearings: self.scan_bearings,
+            pitch_rad: stated_rad.or(pitch_rad).unwrap_or_default(),
+            heights_mm: low..=high,
+            range_max_mm: self.scan_range,
+            lines_min: self.scan_lines,
+            confidence_min: 1,
+        }
+    }
+}
+
 /// Returns a name for parameters that started from `preset`: that of the preset that they are,
 /// whatever their seed, or else that of `preset`, marked as changed.
 #[must_use]
@@ -229,6 +286,25 @@ fn parse_keep(text: &str) -> Result<Keep, String> {
     }
 }
 
+fn parse_heights(text: &str) -> Result<[i16; 2], String> {
+    let heights = text
+        .split_once(',')
+        .and_then(|(low, high)| Some([low.parse().ok()?, high.parse().ok()?]))
+        .filter(|[low, high]| low <= high);
+    heights.ok_or_else(|| "it is LOW,HIGH in mm, such as -200,150".to_owned())
+}
+
+/// Returns the image point that a text states, column and line, px.
+///
+/// # Errors
+/// Fails with one line that shows how a point is written.
+pub fn parse_point(text: &str) -> Result<[f64; 2], String> {
+    let point = text
+        .split_once(',')
+        .and_then(|(x, y)| Some([x.parse().ok()?, y.parse().ok()?]));
+    point.ok_or_else(|| "it is X,Y in px, such as 319.5,239.5".to_owned())
+}
+
 fn parse_unit(text: &str) -> Result<f64, String> {
     match text {
         "mm" => Ok(1.0),
@@ -277,6 +353,8 @@ mod tests {
         assert!(parse_keep("most").is_err() && parse_keep("1,2,3").is_err());
         assert_eq!(parse_corner("16,0"), Ok([16, 0]));
         assert!(parse_corner("16").is_err() && parse_corner("-1,0").is_err());
+        assert_eq!(parse_heights("-20,5"), Ok([-20, 5]));
+        assert!(parse_heights("5,-20").is_err() && parse_heights("5").is_err());
         assert_eq!(parse_unit("cm"), Ok(10.0));
         assert_eq!(parse_unit("25.4"), Ok(25.4));
         assert!(

@@ -2,7 +2,7 @@
 //! rendered scenes.
 //!
 //! From the bottom up: [`escapes`] makes names printable; [`files`], [`images`], [`pfm`],
-//! [`disparity_files`], [`depth_files`] and [`parameters`] read
+//! [`disparity_files`], [`depth_files`], [`scan_files`] and [`parameters`] read
 //! and write files. [`mod@calibration`] makes rectifications from calibration files.
 //! [`scene`] and [`views`] hold stereo pairs, [`mod@rectify`] rectifies them, [`dataset`] loads them, [`render`] makes one, and
 //! [`exposure`] and [`line_offset`] let the right camera differ from the left. [`camera`] and
@@ -35,6 +35,7 @@ pub mod prepared;
 pub mod published;
 pub mod rectify;
 pub mod render;
+pub mod scan_files;
 pub mod scene;
 pub mod sink;
 pub mod tables;

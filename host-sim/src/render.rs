@@ -28,6 +28,7 @@ use rayon::prelude::*;
 use crate::exposure::Exposure;
 use crate::line_offset::LINE_OFFSET_MAX_PX;
 use crate::scene::Scene;
+pub use camera::RenderedCameras;
 use courtyard::{Courtyard, Side};
 use truth::ground_truth;
 
@@ -77,6 +78,39 @@ impl Default for RenderOptions {
     }
 }
 
+impl RenderedCameras {
+    /// Returns the cameras of a scene that is rendered with these options.
+    #[must_use]
+    pub fn of(options: &RenderOptions) -> Self {
+        let (yard, ..) = courtyard(options);
+        yard.rig()
+    }
+}
+
+/// Returns where the point of each left pixel is, row-major, seen from the left camera as if it were
+/// level: to the right, up and forward, m. `None` where a pixel shows nothing.
+#[must_use]
+pub fn surface_points(options: &RenderOptions) -> Vec<Option<[f64; 3]>> {
+    let (yard, width, height, _) = courtyard(options);
+    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+    pixels.map(|(x, y)| yard.point(x, y)).collect()
+}
+
+/// Returns the scene, and its width, height and largest disparity, px, in their ranges.
+fn courtyard(options: &RenderOptions) -> (Courtyard, u32, u32, u16) {
+    let width = options.width.clamp(SIDE_MIN_PX, SIDE_MAX_PX);
+    let height = options.height.clamp(SIDE_MIN_PX, SIDE_MAX_PX);
+    // Half of SIDE_MAX_PX fits.
+    let d_max = options.d_max.clamp(1, (width / 2) as u16);
+    let texture = finite(options.texture, RenderOptions::default().texture).clamp(0.0, 1.0);
+    let yard = Courtyard::new(width, height, d_max, options.seed, texture.into());
+    (yard, width, height, d_max)
+}
+
+fn finite(value: f32, otherwise: f32) -> f32 {
+    if value.is_finite() { value } else { otherwise }
+}
+
 /// How one camera turns light into grey levels.
 struct Sensor {
     exposure: Exposure,
@@ -95,15 +129,7 @@ struct Sensor {
 /// by their defaults.
 #[must_use]
 pub fn render(options: &RenderOptions) -> Scene {
-    let width = options.width.clamp(SIDE_MIN_PX, SIDE_MAX_PX);
-    let height = options.height.clamp(SIDE_MIN_PX, SIDE_MAX_PX);
-    // Half of SIDE_MAX_PX fits.
-    let d_max = options.d_max.clamp(1, (width / 2) as u16);
-    let finite = |value: f32, otherwise: f32| {
-        if value.is_finite() { value } else { otherwise }
-    };
-    let texture = finite(options.texture, RenderOptions::default().texture).clamp(0.0, 1.0);
-    let yard = Courtyard::new(width, height, d_max, options.seed, texture.into());
+    let (yard, width, height, d_max) = courtyard(options);
     let noise = finite(options.noise, RenderOptions::default().noise).max(0.0);
     let left = Sensor {
         exposure: Exposure::EQUAL,

@@ -10,14 +10,20 @@
 //! ```text
 //!  pair of raw lines ──▶ Rectifier ──▶ pairs of rectified lines ──▶ Matcher ──▶ DisparityLine
 //!                          ▲                                                         │
-//!                    Rectification                                            Depth ─┴─▶ mm
+//!                    Rectification                                            Depth ─┼─▶ mm
+//!                                                                   RectifiedCamera ─┼─▶ points
+//!                                                                         LaserScan ─┴─▶ ranges
 //! ```
 
+mod camera;
 mod depth;
 mod rectification;
 mod rectifier;
+mod scan;
 
 pub use crate::kernel::Interpolation;
+pub use camera::{Point, RectifiedCamera};
 pub use depth::Depth;
 pub use rectification::{Rectification, RectificationError, ViewMap};
 pub use rectifier::{RawLineError, RectifiedLine, Rectifier};
+pub use scan::{LINES_MAX as SCAN_LINES_MAX, LaserScan, Scan, ScanConfig, ScanError};

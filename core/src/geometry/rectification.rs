@@ -5,7 +5,9 @@ use core::ops::Range;
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 
+use super::camera::RectifiedCamera;
 use super::depth::Depth;
+use crate::disparity::Reference;
 use crate::kernel::{Interpolation, cell_positions, sixteenth_shift};
 
 /// The first bytes of a rectification.
@@ -291,6 +293,21 @@ impl<'a> Rectification<'a> {
             y += 1;
         }
         needed
+    }
+
+    /// The camera of a rectified view, for points and scans; `None` if the baseline is not known or a
+    /// number is out of its range.
+    #[must_use]
+    pub const fn camera(&self, reference: Reference) -> Option<RectifiedCamera> {
+        let Some(depth) = self.depth else {
+            return None;
+        };
+        let [column_q8, line_q8] = self.principal_q8;
+        let column_q8 = match reference {
+            Reference::Left => column_q8,
+            Reference::Right => column_q8.saturating_add(depth.offset_q8()),
+        };
+        RectifiedCamera::new(depth, self.focal_q8, [column_q8, line_q8])
     }
 
     /// Number of raw lines, from the top, with which the rectified pair `y` is complete.

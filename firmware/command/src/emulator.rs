@@ -10,6 +10,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail, ensure};
 use vgstereo_emulated::{
     CALIBRATION_FILE, CONFIDENCES_FILE, DISPARITIES_FILE, LINES_FILE, REPORT_FILE, Report, Request,
+    SCANS_FILE,
 };
 use wait_timeout::ChildExt;
 
@@ -117,6 +118,10 @@ pub fn run_logged(
     let mut frames = Frames {
         disparities: read(DISPARITIES_FILE)?,
         confidences: read(CONFIDENCES_FILE)?,
+        scans: match request.scan {
+            Some(_) => read(SCANS_FILE)?,
+            None => Vec::new(),
+        },
     };
     // What follows the whole frames belongs to a frame that was aborted.
     let pixels = u64::from(report.statistics.frames)

@@ -2,13 +2,14 @@
 
 use anyhow::{Context, Result, anyhow};
 use vgstereo_core::Matcher;
-use vgstereo_core::geometry::{Rectification, Rectifier};
+use vgstereo_core::geometry::{LaserScan, Rectification, Rectifier, Scan};
 use vgstereo_emulated::Request;
 use vgstereo_firmware::camera::LinePairSource;
 use vgstereo_firmware::scripted::FaultyCamera;
-use vgstereo_firmware::{NoWatchdog, Session, Statistics, session};
+use vgstereo_firmware::sink::{BothSinks, ScanSink, ScanningSink};
+use vgstereo_firmware::{FrameInfo, NoWatchdog, Session, Statistics, session};
 use vgstereo_kernels::NativeKernels;
-use vgstereo_sim::sink::{DisparityFrame, FrameCollector};
+use vgstereo_sim::sink::{DisparityFrame, FrameCollector, UnexpectedLine};
 
 use crate::pair::Pair;
 
@@ -20,6 +21,9 @@ pub struct Frames {
     pub disparities: Vec<u8>,
     /// The confidence of each disparity, 0 to 255, in one byte.
     pub confidences: Vec<u8>,
+    /// The scan of each frame, if the request has one: the first bearing and the step between
+    /// bearings, rad, as `f32`, and the ranges, mm, as `u16`, little-endian.
+    pub scans: Vec<u8>,
 }
 
 impl Frames {
@@ -38,6 +42,22 @@ impl Frames {
     }
 }
 
+/// Keeps the bytes of scans.
+struct Scans(Vec<u8>);
+
+impl ScanSink for Scans {
+    type Error = UnexpectedLine;
+
+    fn scan(&mut self, _: &FrameInfo, scan: &Scan<'_>) -> Result<(), UnexpectedLine> {
+        for angle_rad in [scan.bearing_min_rad, scan.bearing_step_rad] {
+            self.0.extend(angle_rad.to_le_bytes());
+        }
+        self.0
+            .extend(scan.ranges_mm.iter().flat_map(|mm| mm.to_le_bytes()));
+        Ok(())
+    }
+}
+
 /// Matches a pair as a request asks, with the fastest kernels of this machine, and returns all
 /// whole frames with the counters of the session.
 ///
@@ -49,7 +69,19 @@ pub fn run(pair: &Pair, request: &Request) -> Result<(Frames, Statistics)> {
     let mut memory = vec![0; config.memory_words()];
     let mut lines = vec![0; session::memory_words(&camera.geometry())];
     let matcher = Matcher::new(&config, NativeKernels::fastest(), &mut memory)?;
-    let sink = FrameCollector::new();
+    let mut scan_memory = vec![0; request.scan.map_or(0, |scan| scan.words())];
+    let mut scans = Scans(Vec::new());
+    let scanner = match request.scan {
+        Some(scan) => {
+            let config = scan
+                .config(config.width)
+                .context("there is no such camera")?;
+            let scan = LaserScan::new(&config, &mut scan_memory)?;
+            Some(ScanningSink::new(scan, &mut scans))
+        }
+        None => None,
+    };
+    let sink = BothSinks::new(FrameCollector::new(), scanner);
     let mut strip = Vec::new();
     let mut rectifier = match &pair.rectification {
         Some(bytes) => {
@@ -74,7 +106,7 @@ pub fn run(pair: &Pair, request: &Request) -> Result<(Frames, Statistics)> {
     while whole < request.frames {
         match session.run_frame() {
             Ok(_) => {
-                let frame = session.sink_mut().take_frame();
+                let frame = session.sink_mut().first.take_frame();
                 frames.push(&frame.context("the session finished a frame")?);
                 whole += 1;
             }
@@ -83,7 +115,10 @@ pub fn run(pair: &Pair, request: &Request) -> Result<(Frames, Statistics)> {
             Err(error) => return Err(anyhow!("{error}")),
         }
     }
-    Ok((frames, session.statistics()))
+    let statistics = session.statistics();
+    drop(session);
+    frames.scans = scans.0;
+    Ok((frames, statistics))
 }
 
 /// Returns a text that names the first pixel in which two results differ; `None` if they are
@@ -100,6 +135,7 @@ pub fn first_difference(board: &Frames, host: &Frames, width: u32) -> Option<Str
     let (what, at) = match (disparity, confidence) {
         (Some(at), _) => ("disparities", at),
         (None, Some(at)) => ("confidences", at),
+        (None, None) if board.scans != host.scans => return Some("the scans differ".to_owned()),
         (None, None) => return None,
     };
     let width = width.max(1) as usize;
@@ -143,9 +179,13 @@ mod tests {
         let frames = Frames {
             disparities: vec![0; 24],
             confidences: vec![1; 12],
+            scans: vec![2; 12],
         };
         assert_eq!(first_difference(&frames, &frames, 4), None);
         let mut other = frames.clone();
+        other.scans[9] = 3;
+        let text = first_difference(&frames, &other, 4).unwrap();
+        assert_eq!(text, "the scans differ");
         other.confidences[5] = 2;
         let text = first_difference(&frames, &other, 4).unwrap();
         assert_eq!(text, "the confidences differ from line 1, column 1 on");

@@ -296,6 +296,9 @@ fn sent_frames(bytes: &[u8]) -> Result<Vec<SentFrame>> {
             }
             (Packet::FrameDone { .. }, Some(frame)) => frame.is_whole = true,
             (Packet::FrameAborted { .. }, Some(_)) => {}
+            (Packet::Depths { .. } | Packet::Points { .. } | Packet::Scan { .. }, _) => {
+                bail!("the board sent something else than disparities")
+            }
             (_, None) => bail!("the board sent a line before a frame"),
         }
     }

@@ -6,16 +6,18 @@ use anyhow::{Result, ensure};
 use glam::{DMat3, DVec3};
 use image::RgbImage;
 use image::imageops::{crop_imm, thumbnail};
-use vgstereo_core::geometry::{Interpolation, Rectification, Rectifier};
-use vgstereo_core::{DisparityRange, Preset};
+use vgstereo_core::geometry::{
+    Interpolation, Rectification, RectifiedCamera, Rectifier, ScanConfig,
+};
+use vgstereo_core::{DisparityRange, Preset, Reference};
 use vgstereo_emulated::Request;
-use vgstereo_emulated::request::{Calibration, MAX_FAULTS};
+use vgstereo_emulated::request::{Calibration, MAX_FAULTS, ScanRequest};
 use vgstereo_firmware::camera::{Geometry, Layout, LinePairSource, PixelFormat};
 use vgstereo_firmware::scripted::ScriptedFault;
 use vgstereo_sim::calibration::{Camera, Lens, Maps, RectifiedPair, StereoCalibration};
 use vgstereo_sim::camera::SimulatedCamera;
 use vgstereo_sim::dataset::load_scene;
-use vgstereo_sim::render::{RenderOptions, render};
+use vgstereo_sim::render::{RenderOptions, RenderedCameras, render};
 use vgstereo_sim::scene::Scene;
 
 use crate::board::Board;
@@ -36,6 +38,8 @@ pub struct Pair {
     pub disparities: DisparityRange,
     /// The rectification of the views; `None` if they are rectified.
     pub rectification: Option<Vec<u8>>,
+    /// The left rectified camera, and how far it looks down, rad, if that is known.
+    pub camera: Option<(RectifiedCamera, Option<f32>)>,
 }
 
 impl Pair {
@@ -43,15 +47,18 @@ impl Pair {
     /// disparities from 0 on.
     #[must_use]
     pub fn rendered(width: u32, height: u32, disparities: u16) -> Self {
-        let scene = render(&RenderOptions {
+        let options = RenderOptions {
             width,
             height,
             d_max: disparities.saturating_sub(1),
             ..RenderOptions::default()
-        });
+        };
+        let cameras = RenderedCameras::of(&options);
+        let camera = cameras.rectified();
         Self {
             format: PixelFormat::Grey8,
-            ..Self::from(scene)
+            camera: camera.map(|camera| (camera, Some(cameras.pitch_rad as f32))),
+            ..Self::from(render(&options))
         }
     }
 
@@ -90,8 +97,10 @@ impl Pair {
         let size = [width, height];
         let views = RectifiedPair::compute(&calibration, size, size, all)?;
         let maps = Maps::new(&views, calibration.unit_mm, Interpolation::Bilinear)?;
+        let camera = Rectification::from_bytes(&maps.bytes)?.camera(Reference::Left);
         Ok(Self {
             name: "crooked".to_owned(),
+            camera: camera.map(|camera| (camera, None)),
             rectification: Some(maps.bytes),
             ..Self::rendered(width.into(), height.into(), disparities)
         })
@@ -182,6 +191,7 @@ impl Pair {
             hamming_alone: false,
             geometry: self.geometry()?,
             calibration: self.calibration()?,
+            scan: None,
             disparities: self.disparities,
             frames,
             faults: Default::default(),
@@ -189,6 +199,24 @@ impl Pair {
         let taken = request.faults.extend_from_slice(faults);
         ensure!(taken.is_ok(), "a board takes at most {MAX_FAULTS} faults");
         Ok(request)
+    }
+
+    /// Returns a laser scan of 60 bearings of what this pair shows at heights from 500 mm below the
+    /// camera to 300 mm above; `None` if its camera is not known.
+    #[must_use]
+    pub fn scan(&self) -> Option<ScanRequest> {
+        let (camera, pitch_rad) = self.camera?;
+        let width = u16::try_from(self.left.width()).ok()?;
+        Some(ScanRequest::new(&ScanConfig {
+            camera,
+            columns: 0..width,
+            bearings: width.min(60),
+            pitch_rad: pitch_rad.unwrap_or_default(),
+            heights_mm: -500..=300,
+            range_max_mm: 30_000,
+            lines_min: 3,
+            confidence_min: 1,
+        }))
     }
 
     /// What a board has to know of the rectification.
@@ -222,6 +250,7 @@ impl From<Scene> for Pair {
             format: PixelFormat::Rgb888,
             disparities: DisparityRange::up_to(scene.d_max),
             rectification: None,
+            camera: None,
         }
     }
 }

@@ -37,5 +37,8 @@ pub const CALIBRATION_FILE: &CStr = c"calibration.vgr";
 pub const DISPARITIES_FILE: &CStr = c"disparities.raw";
 /// File of confidences in the order of the disparities, one byte each.
 pub const CONFIDENCES_FILE: &CStr = c"confidences.raw";
+/// File of laser scans, if the request has one: for each whole frame the first bearing and the step
+/// between bearings, rad, as `f32`, and the ranges, mm, as `u16`, all little-endian.
+pub const SCANS_FILE: &CStr = c"scans.raw";
 /// File of the [`Report`], or of a single line that begins with `error`.
 pub const REPORT_FILE: &CStr = c"report.txt";

@@ -4,6 +4,7 @@ use core::fmt;
 use core::str::FromStr;
 
 use heapless::Vec;
+use vgstereo_core::geometry::{Depth, LaserScan, RectifiedCamera, ScanConfig};
 use vgstereo_core::{Config, DisparityRange, Method, Preset};
 use vgstereo_firmware::camera::{Geometry, PixelFormat};
 use vgstereo_firmware::scripted::ScriptedFault;
@@ -26,6 +27,113 @@ pub struct Calibration {
     pub width: u16,
 }
 
+/// A laser scan to make of each frame: a [`ScanConfig`] in whole numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ScanRequest {
+    /// The numerator and the offset of [`Depth`], 1/256 mm px and 1/256 px.
+    pub depth: (u32, i32),
+    /// Focal length, 1/256 px.
+    pub focal_q8: u32,
+    /// Principal point, column and line, 1/256 px.
+    pub principal_q8: [i32; 2],
+    /// Number of bearings.
+    pub bearings: u16,
+    /// How far the camera looks down, µrad.
+    pub pitch_urad: i32,
+    /// Lowest and highest height that counts, mm.
+    pub heights_mm: [i16; 2],
+    /// Largest range that counts, mm.
+    pub range_max_mm: u16,
+    /// Number of lines in which something must be seen.
+    pub lines_min: u8,
+}
+
+impl ScanRequest {
+    /// The request for a scan over all columns of every found disparity.
+    #[must_use]
+    pub fn new(config: &ScanConfig) -> Self {
+        let (camera, depth) = (config.camera, config.camera.depth());
+        Self {
+            depth: (depth.numerator_q8(), depth.offset_q8()),
+            focal_q8: camera.focal_q8(),
+            principal_q8: camera.principal_q8(),
+            bearings: config.bearings,
+            // The cast saturates, and what is out of range is refused.
+            pitch_urad: (config.pitch_rad * 1e6) as i32,
+            heights_mm: [*config.heights_mm.start(), *config.heights_mm.end()],
+            range_max_mm: config.range_max_mm,
+            lines_min: config.lines_min,
+        }
+    }
+
+    /// What the scan looks at in views of `width` columns; `None` if there is no such camera.
+    #[must_use]
+    pub fn config(&self, width: u16) -> Option<ScanConfig> {
+        let (numerator_q8, offset_q8) = self.depth;
+        let depth = Depth::new(numerator_q8, offset_q8)?;
+        let [low, high] = self.heights_mm;
+        Some(ScanConfig {
+            camera: RectifiedCamera::new(depth, self.focal_q8, self.principal_q8)?,
+            columns: 0..width,
+            bearings: self.bearings,
+            pitch_rad: self.pitch_urad as f32 / 1e6,
+            heights_mm: low..=high,
+            range_max_mm: self.range_max_mm,
+            lines_min: self.lines_min,
+            confidence_min: 1,
+        })
+    }
+
+    /// Words of 32 bits that the scan takes.
+    #[must_use]
+    pub const fn words(&self) -> usize {
+        LaserScan::words(self.bearings, self.lines_min)
+    }
+}
+
+/// Writes its numbers, separated by colons.
+impl fmt::Display for ScanRequest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (numerator_q8, offset_q8) = self.depth;
+        let ([cx_q8, cy_q8], [low, high]) = (self.principal_q8, self.heights_mm);
+        write!(
+            f,
+            "{numerator_q8}:{offset_q8}:{}:{cx_q8}:{cy_q8}:",
+            self.focal_q8
+        )?;
+        write!(f, "{}:{}:{low}:{high}:", self.bearings, self.pitch_urad)?;
+        write!(f, "{}:{}", self.range_max_mm, self.lines_min)
+    }
+}
+
+impl FromStr for ScanRequest {
+    type Err = NotARequest;
+
+    fn from_str(text: &str) -> Result<Self, NotARequest> {
+        let mut numbers = text.split(':');
+        let scan = Self {
+            depth: (number(&mut numbers)?, number(&mut numbers)?),
+            focal_q8: number(&mut numbers)?,
+            principal_q8: [number(&mut numbers)?, number(&mut numbers)?],
+            bearings: number(&mut numbers)?,
+            pitch_urad: number(&mut numbers)?,
+            heights_mm: [number(&mut numbers)?, number(&mut numbers)?],
+            range_max_mm: number(&mut numbers)?,
+            lines_min: number(&mut numbers)?,
+        };
+        match numbers.next() {
+            None => Ok(scan),
+            Some(_) => Err(NotARequest),
+        }
+    }
+}
+
+/// Parses the next of the texts.
+fn number<'a, T: FromStr>(texts: &mut impl Iterator<Item = &'a str>) -> Result<T, NotARequest> {
+    let text = texts.next().ok_or(NotARequest)?;
+    text.parse().map_err(|_| NotARequest)
+}
+
 /// The frames to match, and how to match them.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Request {
@@ -38,6 +146,8 @@ pub struct Request {
     pub geometry: Geometry,
     /// The rectification of the camera's lines; `None` if they are rectified.
     pub calibration: Option<Calibration>,
+    /// The laser scan to make of each frame, if any.
+    pub scan: Option<ScanRequest>,
     /// Range of disparities to search.
     pub disparities: DisparityRange,
     /// Number of whole frames to deliver.
@@ -86,12 +196,13 @@ impl Request {
         })
     }
 
-    /// Bytes of the lent memory that session, matcher, rectifier and rectification take.
+    /// Bytes of the lent memory that session, matcher, rectifier, rectification and scan take.
     #[must_use]
     pub fn working_bytes(&self) -> usize {
         let [rectification, rectifier] = self.calibration_words();
         let words = session::memory_words(&self.geometry) + self.config().memory_words();
-        (words + rectification + rectifier) * size_of::<u32>()
+        let scan = self.scan.map_or(0, |scan| scan.words());
+        (words + rectification + rectifier + scan) * size_of::<u32>()
     }
 }
 
@@ -117,6 +228,9 @@ impl fmt::Display for Request {
                 width,
             } = calibration;
             write!(f, " calibration={bytes}:{rectifier_words}:{width}")?;
+        }
+        if let Some(scan) = self.scan {
+            write!(f, " scan={scan}")?;
         }
         for fault in &self.faults {
             write!(f, " fault={fault}")?;
@@ -153,6 +267,7 @@ impl FromStr for Request {
                 format: PixelFormat::Grey8,
             },
             calibration: None,
+            scan: None,
             disparities: DisparityRange::up_to(0),
             frames: 1,
             faults: Vec::new(),
@@ -174,13 +289,13 @@ impl FromStr for Request {
                 "frames" => request.frames = value(text)?,
                 "calibration" => {
                     let mut parts = text.splitn(3, ':');
-                    let mut part = || parts.next().ok_or(NotARequest);
                     request.calibration = Some(Calibration {
-                        bytes: value(part()?)?,
-                        rectifier_words: value(part()?)?,
-                        width: value(part()?)?,
+                        bytes: number(&mut parts)?,
+                        rectifier_words: number(&mut parts)?,
+                        width: number(&mut parts)?,
                     });
                 }
+                "scan" => request.scan = Some(value(text)?),
                 "fault" => {
                     let fault = value(text)?;
                     request.faults.push(fault).map_err(|_| NotARequest)?;
@@ -224,6 +339,7 @@ mod tests {
                         format,
                     },
                     calibration: None,
+                    scan: None,
                     disparities: DisparityRange {
                         minimum_px: -3,
                         count: 48,
@@ -237,6 +353,16 @@ mod tests {
                     bytes: 9_001,
                     rectifier_words: 77,
                     width: 300,
+                });
+                request.scan = Some(ScanRequest {
+                    depth: (u32::MAX, i32::MIN),
+                    focal_q8: u32::MAX,
+                    principal_q8: [i32::MIN, i32::MAX],
+                    bearings: 90,
+                    pitch_urad: -150_000,
+                    heights_mm: [i16::MIN, i16::MAX],
+                    range_max_mm: 60_000,
+                    lines_min: 3,
                 });
                 assert_eq!(request.to_string().parse(), Ok(request.clone()));
                 let kind = FaultKind::Error(ErrorKind::Bus);
@@ -264,6 +390,8 @@ mod tests {
             "costs=",
             "fault=1",
             "calibration=1:2",
+            "scan=1:2:3:4:5:6:7:8:9:10",
+            "scan=1:2:3:4:5:6:7:8:9:10:11:12",
         ] {
             assert_eq!(words.parse::<Request>(), Err(NotARequest), "{words}");
         }

@@ -7,11 +7,12 @@ use defmt_semihosting as _;
 use semihosting::fs::File;
 use semihosting::process;
 use semihosting::sys::arm_compat::sys_get_cmdline_uninit;
-use vgstereo_core::geometry::{Rectification, Rectifier};
+use vgstereo_core::geometry::{LaserScan, Rectification, Rectifier};
 use vgstereo_core::rows::Arena;
 use vgstereo_core::{Kernels, Matcher};
 use vgstereo_firmware::scripted::FaultyCamera;
 use vgstereo_firmware::session::{self, ATTEMPT_FRAMES};
+use vgstereo_firmware::sink::{BothSinks, ScanningSink};
 use vgstereo_firmware::watchdog::NoWatchdog;
 use vgstereo_firmware::{Event, Session, Statistics};
 
@@ -19,9 +20,11 @@ use crate::camera::{self, FileCamera};
 use crate::meter::{Counter, Meter, Metered, Stage};
 use crate::report::Report;
 use crate::request::{Calibration, Request};
-use crate::sink::{self, FileSink};
+use crate::sink::{self, FileSink, ScanFile};
 use crate::stack::Stack;
-use crate::{CALIBRATION_FILE, CONFIDENCES_FILE, DISPARITIES_FILE, LINES_FILE, REPORT_FILE};
+use crate::{
+    CALIBRATION_FILE, CONFIDENCES_FILE, DISPARITIES_FILE, LINES_FILE, REPORT_FILE, SCANS_FILE,
+};
 
 /// Largest length of the command line, bytes.
 const COMMAND_LINE_BYTES: usize = 1024;
@@ -72,6 +75,10 @@ fn serve<C: Counter>(
     let (calibration, memory) = memory
         .split_at_mut_checked(rectification_words + rectifier_words)
         .ok_or(Refusal("the calibration does not fit the lent memory"))?;
+    let scan_words = request.scan.map_or(0, |scan| scan.words());
+    let (scan, memory) = memory
+        .split_at_mut_checked(scan_words)
+        .ok_or(Refusal("the scan does not fit the lent memory"))?;
     let matcher = Matcher::new(&config, Metered::new(kernels, &meter), memory);
     let matcher = matcher.map_err(|_| Refusal("the matcher refuses the configuration"))?;
 
@@ -83,7 +90,9 @@ fn serve<C: Counter>(
         File::create(CONFIDENCES_FILE).map_err(file_error)?,
     );
     let camera = Metered::new(camera, &meter);
+    // What a scan takes of lines is not files' time.
     let sink = Metered::new(sink, &meter);
+    let sink = BothSinks::new(sink, scanner(&request, scan)?);
     let mut rectifier = match request.calibration {
         Some(stated) => Some(rectifier(stated, &request, calibration, matcher.kernels())?),
         None => None,
@@ -137,6 +146,24 @@ fn rectifier<K: Kernels>(
     let colour = request.config().colour;
     Rectifier::new(rectification, colour, kernels, memory)
         .map_err(|_| Refusal("the rectifier does not fit the lent memory"))
+}
+
+/// Builds the sink of the scans, if the request has one. Not inlined, so that its stack is free again
+/// while frames are matched.
+#[inline(never)]
+fn scanner(
+    request: &Request,
+    memory: &'static mut [u32],
+) -> Result<Option<ScanningSink<'static, ScanFile>>, Refusal> {
+    let Some(stated) = request.scan else {
+        return Ok(None);
+    };
+    let config = stated.config(request.width());
+    let config = config.ok_or(Refusal("there is no camera for the scan"))?;
+    let scan = LaserScan::new(&config, memory);
+    let scan = scan.map_err(|_| Refusal("the scan cannot be made as configured"))?;
+    let file = File::create(SCANS_FILE).map_err(|_| Refusal("a file cannot be opened"))?;
+    Ok(Some(ScanningSink::new(scan, ScanFile::new(file))))
 }
 
 /// Logs each number by itself: the logger asserts, and formatting the whole statistics would be

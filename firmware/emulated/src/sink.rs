@@ -1,8 +1,10 @@
-//! Sink that writes whole frames to files of the host.
+//! Sinks that write whole frames, and scans of them, to files of the host.
 
 use semihosting::fs::File;
 use semihosting::io::{Error, ErrorKind, Seek, SeekFrom, Write};
 use vgstereo_core::DisparityLine;
+use vgstereo_core::geometry::Scan;
+use vgstereo_firmware::sink::ScanSink;
 use vgstereo_firmware::{DisparitySink, Fault, FrameInfo};
 
 /// A sink that writes each line at once. The next frame overwrites an aborted one.
@@ -57,6 +59,30 @@ impl DisparitySink for FileSink {
     }
 
     fn abort_frame(&mut self, _: u32, _: Fault) {}
+}
+
+/// A sink that writes scans, as [`SCANS_FILE`](crate::SCANS_FILE) has them.
+#[derive(Debug)]
+pub struct ScanFile(File);
+
+impl ScanFile {
+    /// Creates a sink over an empty file.
+    #[must_use]
+    pub fn new(scans: File) -> Self {
+        Self(scans)
+    }
+}
+
+impl ScanSink for ScanFile {
+    type Error = Error;
+
+    #[inline(never)]
+    fn scan(&mut self, _: &FrameInfo, scan: &Scan<'_>) -> Result<(), Error> {
+        for angle_rad in [scan.bearing_min_rad, scan.bearing_step_rad] {
+            write(&mut self.0, &angle_rad.to_le_bytes())?;
+        }
+        write(&mut self.0, bytemuck::cast_slice(scan.ranges_mm))
+    }
 }
 
 /// Writes all of `bytes`.

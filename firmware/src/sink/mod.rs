@@ -1,9 +1,20 @@
 //! Sinks: receivers of the lines of disparities.
+//!
+//! A board implements [`DisparitySink`], or [`ConvertedSink`] behind a [`ConvertingSink`] for depths
+//! or points, or [`ScanSink`] behind a [`ScanningSink`] for one laser scan a frame. [`BothSinks`]
+//! joins two.
 
+mod both;
 #[cfg(feature = "serial")]
 mod cobs;
+mod convert;
+mod scan;
 #[cfg(feature = "serial")]
 pub mod serial;
+
+pub use both::BothSinks;
+pub use convert::{Conversion, ConversionError, ConvertedLine, ConvertedSink, ConvertingSink};
+pub use scan::{ScanSink, ScanningSink};
 
 use vgstereo_core::{DisparityLine, Region};
 
@@ -76,5 +87,28 @@ impl<T: DisparitySink + ?Sized> DisparitySink for &mut T {
 
     fn abort_frame(&mut self, frame: u32, fault: Fault) {
         (**self).abort_frame(frame, fault);
+    }
+}
+
+/// Nothing takes everything and keeps nothing.
+impl<T: DisparitySink> DisparitySink for Option<T> {
+    type Error = T::Error;
+
+    fn begin_frame(&mut self, info: &FrameInfo) -> Result<(), Self::Error> {
+        self.as_mut().map_or(Ok(()), |sink| sink.begin_frame(info))
+    }
+
+    fn line(&mut self, frame: u32, line: &DisparityLine<'_>) -> Result<(), Self::Error> {
+        self.as_mut().map_or(Ok(()), |sink| sink.line(frame, line))
+    }
+
+    fn end_frame(&mut self, info: &FrameInfo) -> Result<(), Self::Error> {
+        self.as_mut().map_or(Ok(()), |sink| sink.end_frame(info))
+    }
+
+    fn abort_frame(&mut self, frame: u32, fault: Fault) {
+        if let Some(sink) = self {
+            sink.abort_frame(frame, fault);
+        }
     }
 }

@@ -8,13 +8,14 @@
 use embedded_io::Write;
 use serde::{Deserialize, Serialize};
 use vgstereo_core::DisparityLine;
+use vgstereo_core::geometry::{Point, Scan};
 
 use super::cobs::CobsPacket;
-use super::{DisparitySink, FrameInfo};
+use super::{ConvertedLine, ConvertedSink, DisparitySink, FrameInfo, ScanSink};
 use crate::fault::Fault;
 
 /// A message to the receiver.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Packet<'a> {
     /// A frame begins; its lines follow, from the top.
     FrameBegun {
@@ -51,19 +52,54 @@ pub enum Packet<'a> {
         /// Number of the frame.
         frame: u32,
     },
+    /// One line of depths.
+    Depths {
+        /// Number of the frame.
+        frame: u32,
+        /// Number of the line in the frame, from 0.
+        line: u32,
+        /// Depths, mm, each in two bytes, little-endian; 0 for pixels without one.
+        depths: &'a [u8],
+    },
+    /// One line of points.
+    Points {
+        /// Number of the frame.
+        frame: u32,
+        /// Number of the line in the frame, from 0.
+        line: u32,
+        /// Points: right, down and forward, mm, each in two bytes, little-endian, the first two
+        /// signed; forward is 0 for pixels without one.
+        points: &'a [u8],
+    },
+    /// The laser scan of a frame.
+    Scan {
+        /// Number of the frame.
+        frame: u32,
+        /// The camera's timestamp of line 0, µs.
+        timestamp_us: u64,
+        /// The first bearing, the rightmost, rad.
+        bearing_min_rad: f32,
+        /// The angle between bearings, rad.
+        bearing_step_rad: f32,
+        /// Ranges beyond this did not count, mm.
+        range_max_mm: u16,
+        /// Ranges, mm, each in two bytes, little-endian; 0 at bearings where nothing was seen.
+        ranges: &'a [u8],
+    },
 }
 
-/// Largest number of bytes that a packet takes on the wire, for frames of `width` columns.
+/// Largest number of bytes that a packet takes on the wire, for lines or scans of `count` values:
+/// disparities, depths or ranges of 2 bytes, or points of 6, which is `value_bytes`.
 #[must_use]
-pub const fn packet_bytes(width: u16) -> usize {
-    // One byte for the kind. The numbers of `FrameBegun` take at most 5, 10, 3, 5, 3 and 5 bytes,
-    // which is more than the 5, 5 and 3 of the numbers and the length of `Line`.
-    let bytes = 1 + 31 + 2 * width as usize;
+pub const fn packet_bytes(count: u16, value_bytes: usize) -> usize {
+    // One byte for the kind. The numbers of `FrameBegun` take at most 5, 10, 3, 5, 3 and 5 bytes;
+    // those of the other kinds, with the length of what they carry, fewer.
+    let bytes = 1 + 31 + value_bytes * count as usize;
     // COBS adds a byte per 254 bytes or part thereof, and the zero.
     bytes + bytes.div_ceil(254) + 1
 }
 
-/// Disparities are sent as they are in memory, which every target makes little-endian.
+/// Values are sent as they are in memory, which every target makes little-endian.
 const _: () = assert!(cfg!(target_endian = "little"));
 
 /// Error of sending a packet.
@@ -78,8 +114,8 @@ pub enum SerialError<E> {
     Port(E),
 }
 
-/// A sink that sends each call as a [`Packet`]. It waits until the port has taken the bytes.
-/// Confidences are not sent.
+/// A sink of disparities, depths, points or scans that sends each call as a [`Packet`]. It waits until
+/// the port has taken the bytes. Confidences are not sent.
 #[derive(Debug)]
 pub struct SerialSink<'m, W> {
     port: W,
@@ -111,10 +147,8 @@ fn write_all<W: Write>(port: &mut W, mut bytes: &[u8]) -> Result<(), SerialError
     Ok(())
 }
 
-impl<W: Write> DisparitySink for SerialSink<'_, W> {
-    type Error = SerialError<W::Error>;
-
-    fn begin_frame(&mut self, info: &FrameInfo) -> Result<(), Self::Error> {
+impl<W: Write> SerialSink<'_, W> {
+    fn begin(&mut self, info: &FrameInfo) -> Result<(), SerialError<W::Error>> {
         write_all(&mut self.port, &[0])?;
         self.send(&Packet::FrameBegun {
             frame: info.frame,
@@ -126,6 +160,40 @@ impl<W: Write> DisparitySink for SerialSink<'_, W> {
         })
     }
 
+    fn end(&mut self, info: &FrameInfo) -> Result<(), SerialError<W::Error>> {
+        self.send(&Packet::FrameDone { frame: info.frame })
+    }
+
+    fn abort(&mut self, frame: u32) {
+        // If sending fails, the receiver sees a frame without an end.
+        let _ = self.send(&Packet::FrameAborted { frame });
+    }
+}
+
+/// Implements the calls of a sink of lines but for `line`, which the body has.
+macro_rules! sends_frames {
+    ($sink:ty, $($line:tt)*) => {
+        impl<W: Write> $sink for SerialSink<'_, W> {
+            type Error = SerialError<W::Error>;
+
+            fn begin_frame(&mut self, info: &FrameInfo) -> Result<(), Self::Error> {
+                self.begin(info)
+            }
+
+            $($line)*
+
+            fn end_frame(&mut self, info: &FrameInfo) -> Result<(), Self::Error> {
+                self.end(info)
+            }
+
+            fn abort_frame(&mut self, frame: u32, _: Fault) {
+                self.abort(frame);
+            }
+        }
+    };
+}
+
+sends_frames! { DisparitySink,
     fn line(&mut self, frame: u32, line: &DisparityLine<'_>) -> Result<(), Self::Error> {
         self.send(&Packet::Line {
             frame,
@@ -133,14 +201,41 @@ impl<W: Write> DisparitySink for SerialSink<'_, W> {
             disparities: bytemuck::cast_slice(line.disparities_q4),
         })
     }
+}
 
-    fn end_frame(&mut self, info: &FrameInfo) -> Result<(), Self::Error> {
-        self.send(&Packet::FrameDone { frame: info.frame })
+sends_frames! { ConvertedSink<u16>,
+    fn line(&mut self, frame: u32, line: &ConvertedLine<'_, u16>) -> Result<(), Self::Error> {
+        self.send(&Packet::Depths {
+            frame,
+            line: line.line,
+            depths: bytemuck::cast_slice(line.values),
+        })
     }
+}
 
-    fn abort_frame(&mut self, frame: u32, _: Fault) {
-        // If sending fails, the receiver sees a frame without an end.
-        let _ = self.send(&Packet::FrameAborted { frame });
+sends_frames! { ConvertedSink<Point>,
+    fn line(&mut self, frame: u32, line: &ConvertedLine<'_, Point>) -> Result<(), Self::Error> {
+        self.send(&Packet::Points {
+            frame,
+            line: line.line,
+            points: bytemuck::cast_slice(line.values),
+        })
+    }
+}
+
+impl<W: Write> ScanSink for SerialSink<'_, W> {
+    type Error = SerialError<W::Error>;
+
+    fn scan(&mut self, info: &FrameInfo, scan: &Scan<'_>) -> Result<(), Self::Error> {
+        write_all(&mut self.port, &[0])?;
+        self.send(&Packet::Scan {
+            frame: info.frame,
+            timestamp_us: info.timestamp_us,
+            bearing_min_rad: scan.bearing_min_rad,
+            bearing_step_rad: scan.bearing_step_rad,
+            range_max_mm: scan.range_max_mm,
+            ranges: bytemuck::cast_slice(scan.ranges_mm),
+        })
     }
 }
 
@@ -174,10 +269,10 @@ mod tests {
     /// Returns the bytes sent for a frame of one line, followed by an abort of that frame.
     fn sent(packet: &mut [u8], disparities_q4: &[i16]) -> Vec<u8> {
         let mut sink = SerialSink::new(Vec::new(), packet);
-        sink.begin_frame(&INFO).unwrap();
-        sink.line(INFO.frame, &line(disparities_q4)).unwrap();
-        sink.end_frame(&INFO).unwrap();
-        sink.abort_frame(INFO.frame, Fault::Sequence);
+        DisparitySink::begin_frame(&mut sink, &INFO).unwrap();
+        DisparitySink::line(&mut sink, INFO.frame, &line(disparities_q4)).unwrap();
+        DisparitySink::end_frame(&mut sink, &INFO).unwrap();
+        DisparitySink::abort_frame(&mut sink, INFO.frame, Fault::Sequence);
         sink.port
     }
 
@@ -188,7 +283,7 @@ mod tests {
             .iter()
             .flat_map(|d| d.to_le_bytes())
             .collect();
-        let mut bytes = sent(&mut vec![0; packet_bytes(300)], &disparities_q4);
+        let mut bytes = sent(&mut vec![0; packet_bytes(300, 2)], &disparities_q4);
         let packets = bytes.split_mut(|&byte| byte == 0);
         let mut packets = packets.filter(|packet| !packet.is_empty());
         let mut next = || postcard::from_bytes_cobs(packets.next().unwrap()).unwrap();
@@ -213,17 +308,88 @@ mod tests {
         assert!(packets.next().is_none());
     }
 
+    /// The packet that `send` makes, without the zeros.
+    fn packet_of(send: impl FnOnce(&mut SerialSink<'_, Vec<u8>>)) -> Vec<u8> {
+        let mut packet = vec![0; packet_bytes(3, size_of::<Point>())];
+        let mut sink = SerialSink::new(Vec::new(), &mut packet);
+        send(&mut sink);
+        sink.port
+            .into_iter()
+            .skip_while(|&byte| byte == 0)
+            .collect()
+    }
+
+    #[test]
+    fn depths_points_and_scans_are_sent_little_endian() {
+        let mut bytes = packet_of(|sink| {
+            let line = ConvertedLine {
+                line: 4,
+                column: 0,
+                values: &[0x0102_u16, 0, 65_535],
+                confidences: &[],
+            };
+            ConvertedSink::line(sink, 9, &line).unwrap();
+        });
+        let depths = Packet::Depths {
+            frame: 9,
+            line: 4,
+            depths: &[2, 1, 0, 0, 255, 255],
+        };
+        assert_eq!(postcard::from_bytes_cobs(&mut bytes), Ok(depths));
+
+        let mut bytes = packet_of(|sink| {
+            let point = Point {
+                x_mm: -2,
+                y_mm: 3,
+                z_mm: 0x0400,
+            };
+            let line = ConvertedLine {
+                line: 5,
+                column: 0,
+                values: &[point, Point::NONE, point],
+                confidences: &[],
+            };
+            ConvertedSink::line(sink, 9, &line).unwrap();
+        });
+        let point = [0xfe, 0xff, 3, 0, 0, 4];
+        let points = Packet::Points {
+            frame: 9,
+            line: 5,
+            points: &[point, [0; 6], point].concat(),
+        };
+        assert_eq!(postcard::from_bytes_cobs(&mut bytes), Ok(points));
+
+        let mut bytes = packet_of(|sink| {
+            let scan = Scan {
+                ranges_mm: &[0x0102, 0],
+                bearing_min_rad: -0.5,
+                bearing_step_rad: 0.25,
+                range_max_mm: 9,
+            };
+            sink.scan(&INFO, &scan).unwrap();
+        });
+        let scan = Packet::Scan {
+            frame: u32::MAX,
+            timestamp_us: u64::MAX,
+            bearing_min_rad: -0.5,
+            bearing_step_rad: 0.25,
+            range_max_mm: 9,
+            ranges: &[2, 1, 0, 0],
+        };
+        assert_eq!(postcard::from_bytes_cobs(&mut bytes), Ok(scan));
+    }
+
     #[test]
     fn the_longest_packets_fit_and_no_others_are_cut() {
         for width in [1, 100, 126, 127, 300] {
             let disparities_q4 = vec![INVALID; usize::from(width)];
-            let bytes = sent(&mut vec![0; packet_bytes(width)], &disparities_q4);
+            let bytes = sent(&mut vec![0; packet_bytes(width, 2)], &disparities_q4);
             let longest = bytes.split(|&byte| byte == 0).map(<[u8]>::len).max();
-            assert!(longest < Some(packet_bytes(width)), "{width}");
+            assert!(longest < Some(packet_bytes(width, 2)), "{width}");
         }
         let mut memory = [0; 100];
         let mut sink = SerialSink::new(Vec::new(), &mut memory);
-        let too_long = sink.line(0, &line(&[0; 50]));
+        let too_long = DisparitySink::line(&mut sink, 0, &line(&[0; 50]));
         assert!(matches!(too_long, Err(SerialError::Memory)));
         assert!(sink.port.is_empty());
     }
@@ -261,9 +427,9 @@ mod tests {
 
     #[test]
     fn after_a_packet_that_was_cut_the_next_frame_is_read() {
-        let mut bytes = sent(&mut vec![0; packet_bytes(4)], &[1, 2, 3, 4]);
+        let mut bytes = sent(&mut vec![0; packet_bytes(4, 2)], &[1, 2, 3, 4]);
         bytes.truncate(bytes.len() - 3);
-        bytes.extend(sent(&mut vec![0; packet_bytes(4)], &[5, 6, 7, 8]));
+        bytes.extend(sent(&mut vec![0; packet_bytes(4, 2)], &[5, 6, 7, 8]));
         let begun = bytes
             .split_mut(|&byte| byte == 0)
             .filter(|packet| !packet.is_empty())

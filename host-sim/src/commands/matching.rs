@@ -8,11 +8,14 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use image::ImageFormat;
-use vgstereo_core::geometry::{Depth, Rectification};
+use vgstereo_core::disparity::px_to_q4;
+use vgstereo_core::geometry::{Depth, LaserScan, Rectification, RectifiedCamera};
 use vgstereo_core::{Config, DisparityRange, Preset, Reference};
 use vgstereo_kernels::NativeKernels;
 
-use crate::arguments::{Overrides, RectifiedViews, name_of, output_of, parse_preset};
+use crate::arguments::{
+    Overrides, RectifiedViews, ScanOptions, name_of, output_of, parse_point, parse_preset,
+};
 use crate::cameras::Cameras;
 use crate::depth_files::DepthFormat;
 use crate::disparity_files::{DisparityFormat, grey_png};
@@ -23,6 +26,7 @@ use crate::images::{ImageFile, ViewImages, bits_note, parse_bits};
 use crate::pair_check::hints;
 use crate::pictures::colour_disparities;
 use crate::rectify::rectified;
+use crate::scan_files::ScanFormat;
 use crate::tables::{kib, milliseconds};
 use crate::terminal::{Said, write_output};
 use crate::views::Views;
@@ -97,6 +101,10 @@ pub struct Match {
         conflicts_with = "calibration"
     )]
     focal: Option<f64>,
+    /// Principal point of the left camera of a rectified pair, column and line, px [default: the middle
+    /// of the view].
+    #[arg(long, value_name = "X,Y", requires = "focal", value_parser = parse_point, allow_hyphen_values = true)]
+    principal: Option<[f64; 2]>,
     /// Distance between the cameras of a rectified pair, mm.
     #[arg(long, value_name = "MM", requires = "focal")]
     baseline: Option<f64>,
@@ -129,6 +137,8 @@ pub struct Match {
     #[arg(long, value_name = "N", default_value = "1")]
     threads: NonZeroUsize,
     #[command(flatten)]
+    scan: ScanOptions,
+    #[command(flatten)]
     views: RectifiedViews,
     #[command(flatten)]
     overrides: Overrides,
@@ -138,6 +148,15 @@ pub struct Match {
 enum View {
     Left,
     Right,
+}
+
+impl From<View> for Reference {
+    fn from(view: View) -> Self {
+        match view {
+            View::Left => Self::Left,
+            View::Right => Self::Right,
+        }
+    }
 }
 
 impl Match {
@@ -160,7 +179,7 @@ impl Match {
             pictures.flat_map(|folder| ["left.png", "right.png"].map(|n| folder.join(n)));
         let pictures: Vec<PathBuf> = pictures.collect();
         let mut outputs = vec![self.out.as_path()];
-        let others = [&self.colour, &self.depth, &self.confidence];
+        let others = [&self.colour, &self.depth, &self.confidence, &self.scan.scan];
         outputs.extend(
             others
                 .into_iter()
@@ -173,7 +192,7 @@ impl Match {
             paths.retain(|path| *path != standard);
         }
         ensure_distinct_outputs(&inputs, &outputs)
-            .context("--out, --colour, --depth, --confidence, --rectified")?;
+            .context("--out, --colour, --depth, --confidence, --scan, --rectified")?;
         ensure!(
             self.left != standard || self.right != standard,
             "standard input has one image: give the other by its name"
@@ -192,8 +211,21 @@ impl Match {
         let depth = match &self.depth {
             Some(path) => {
                 let format = DepthFormat::choose(path)?;
-                let depth = self.depth(rectification.as_ref(), &cameras.warnings)?;
+                let depth = self.depth("--depth", rectification.as_ref(), &cameras.warnings)?;
                 Some((path, format, depth))
+            }
+            None => None,
+        };
+        let mut scan_memory = Vec::new();
+        let mut scan = match &self.scan.scan {
+            Some(path) => {
+                let format = ScanFormat::choose(path)?;
+                let depth = self.depth("--scan", rectification.as_ref(), &cameras.warnings)?;
+                let camera = self.camera(rectification.as_ref(), depth, [width.into(), height])?;
+                let config = self.scan.config(camera, width, None);
+                scan_memory.resize(LaserScan::words(config.bearings, config.lines_min), 0);
+                let scan = LaserScan::new(&config, &mut scan_memory).context("--scan")?;
+                Some((path, format, depth, scan))
             }
             None => None,
         };
@@ -201,10 +233,7 @@ impl Match {
         let format = DisparityFormat::choose(&self.out, self.scale, disparities)?;
         let parameters = self.overrides.apply(self.preset)?;
         let config = Config {
-            reference: match self.reference {
-                View::Left => Reference::Left,
-                View::Right => Reference::Right,
-            },
+            reference: self.reference.into(),
             output: output_of(self.sparse),
             ..Config::new(parameters, width, disparities)
         };
@@ -242,6 +271,13 @@ impl Match {
             let size = [width.into(), height];
             let png = grey_png(&matched.confidences, size, false, "Confidence", meaning)?;
             files.push((path, png));
+        }
+        if let Some((path, format, depth, scan)) = &mut scan {
+            matched.lines(width).for_each(|line| scan.push(&line));
+            // The nearest that the search reaches, straight ahead.
+            let last_px = i16::try_from(disparities.range_px().end - 1)?;
+            let range_min_mm = depth.mm(px_to_q4(last_px));
+            files.push((path.as_path(), format.encode(&scan.finish(), range_min_mm)?));
         }
         for (view, path) in pictures.iter().enumerate() {
             let picture = views.picture(view)?;
@@ -291,7 +327,8 @@ impl Match {
         if let Some((path, format, _)) = &depth {
             writeln!(text, "wrote {}: {}", shown(path), format.meaning())?;
         }
-        let others = self.colour.iter().chain(&self.confidence);
+        let others = [&self.colour, &self.confidence, &self.scan.scan];
+        let others = others.into_iter().flatten();
         for path in others.chain(&pictures) {
             writeln!(text, "wrote {}", shown(path))?;
         }
@@ -302,9 +339,10 @@ impl Match {
         })
     }
 
-    /// Returns the conversion of disparities to depth.
+    /// Returns the conversion of disparities to depth, for this option.
     fn depth(
         &self,
+        option: &str,
         rectification: Option<&Rectification<'_>>,
         warnings: &[String],
     ) -> Result<Depth> {
@@ -312,12 +350,12 @@ impl Match {
             return rectification.depth.with_context(|| {
                 let warnings: String = warnings.iter().map(|warning| format!("; {warning}")).collect();
                 format!(
-                    "--depth: the unit of the calibration's baseline is not known: give it with --unit{warnings}"
+                    "{option}: the unit of the calibration's baseline is not known: give it with --unit{warnings}"
                 )
             });
         }
         let (Some(focal_px), Some(baseline_mm)) = (self.focal, self.baseline) else {
-            bail!("--depth needs --calibration, or --focal and --baseline");
+            bail!("{option} needs --calibration, or --focal and --baseline");
         };
         // Casts saturate, and what is out of range is refused.
         let numerator_q8 = (focal_px * baseline_mm * 256.0).round() as u32;
@@ -329,6 +367,33 @@ impl Match {
                 self.doffs
             )
         })
+    }
+
+    /// Returns the camera of the reference view, which is of this size, px.
+    fn camera(
+        &self,
+        rectification: Option<&Rectification<'_>>,
+        depth: Depth,
+        size: [u32; 2],
+    ) -> Result<RectifiedCamera> {
+        let camera = match (rectification, self.focal) {
+            (Some(rectification), _) => rectification.camera(self.reference.into()),
+            (None, Some(focal_px)) => {
+                let middle = size.map(|side| (f64::from(side) - 1.0) / 2.0);
+                let [mut x_px, y_px] = self.principal.unwrap_or(middle);
+                if matches!(self.reference, View::Right) {
+                    x_px += self.doffs;
+                }
+                // Casts saturate, and what is out of range is refused.
+                let q8 = |px: f64| (px * 256.0).round();
+                let principal_q8 = [q8(x_px) as i32, q8(y_px) as i32];
+                RectifiedCamera::new(depth, q8(focal_px) as u32, principal_q8)
+            }
+            (None, None) => None,
+        };
+        camera.context(
+            "--scan: the focal length must be from 16 to 65536 px, and the principal point within that",
+        )
     }
 
     /// Returns the disparities to search in lines of `width` px.

@@ -34,7 +34,7 @@ enum Command {
     /// The demo, as without a command: match the built-in scene with every preset.
     Demo(demo::Demo),
     /// Match a rectified pair of images and write its disparity map.
-    Match(matching::Match),
+    Match(Box<matching::Match>),
     /// Make the rectification of two real cameras from their calibration files.
     Calibration(calibration::Calibration),
     /// Measure presets on scenes with ground truth: percentages of bad pixels.

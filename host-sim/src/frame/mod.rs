@@ -9,7 +9,7 @@ pub use map::FrameError;
 
 use std::time::{Duration, Instant};
 
-use vgstereo_core::{Config, Matcher, Method, PushError};
+use vgstereo_core::{Config, DisparityLine, Matcher, Method, PushError};
 use vgstereo_kernels::NativeKernels;
 
 use self::map::Map;
@@ -28,6 +28,21 @@ pub struct Matched {
     pub working_bytes: usize,
     /// Number of lines between a pair going in and its disparities coming out.
     pub latency_lines: u32,
+}
+
+impl Matched {
+    /// Returns the lines of the map, which is `width` px wide.
+    pub fn lines(&self, width: u16) -> impl Iterator<Item = DisparityLine<'_>> {
+        let columns = usize::from(width).max(1);
+        let lines = self.disparities_q4.chunks(columns);
+        let lines = (0..).zip(lines.zip(self.confidences.chunks(columns)));
+        lines.map(|(line, (disparities_q4, confidences))| DisparityLine {
+            line,
+            column: 0,
+            disparities_q4,
+            confidences,
+        })
+    }
 }
 
 /// Matches a frame with up to `threads` threads; the disparities do not depend on their

@@ -1,5 +1,7 @@
 //! A pinhole camera: rays through its pixels, and what part of the image an object can be in.
 
+use vgstereo_core::geometry::{Depth, RectifiedCamera};
+
 use super::vector::{Ray, Vec3, vec3};
 
 /// A pinhole camera that looks along `z` and is tilted down. Its scanlines run along world `x`,
@@ -50,6 +52,11 @@ impl Camera {
         }
     }
 
+    /// Returns the principal point, column and line, px.
+    pub(super) fn principal_px(&self) -> [f64; 2] {
+        [self.centre_x_px, self.centre_y_px]
+    }
+
     /// Returns the depth of a point: its distance along the optical axis, m.
     pub(super) fn depth(&self, point: Vec3) -> f64 {
         (point - self.position).dot(self.forward)
@@ -74,5 +81,30 @@ impl Camera {
         let [left, right] = span(offset.x, self.centre_x_px);
         let [top, bottom] = span(offset.dot(self.down), self.centre_y_px);
         Some([left, right, top, bottom])
+    }
+}
+
+/// The two cameras of the built-in scene: rectified pinholes side by side.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RenderedCameras {
+    /// The focal length of both, px.
+    pub focal_px: f64,
+    /// The principal point of both, column and line, px.
+    pub principal_px: [f64; 2],
+    /// The distance between them, mm.
+    pub baseline_mm: f64,
+    /// How far they look down, rad.
+    pub pitch_rad: f64,
+}
+
+impl RenderedCameras {
+    /// Returns either camera as the core takes it.
+    #[must_use]
+    pub fn rectified(&self) -> Option<RectifiedCamera> {
+        // Casts saturate, and what is out of range gives no camera.
+        let q8 = |px: f64| (px * 256.0).round();
+        let depth = Depth::new(q8(self.focal_px * self.baseline_mm) as u32, 0)?;
+        let principal_q8 = self.principal_px.map(|px| q8(px) as i32);
+        RectifiedCamera::new(depth, q8(self.focal_px) as u32, principal_q8)
     }
 }

@@ -1,6 +1,6 @@
 //! The courtyard: its objects before the two cameras, and the light that falls on them.
 
-use super::camera::Camera;
+use super::camera::{Camera, RenderedCameras};
 use super::furniture::furnish;
 use super::geometry::{Hit, Object, Shape};
 use super::grid::Grid;
@@ -30,6 +30,15 @@ pub(super) struct Seen {
     pub depth: f64,
     hit: Hit,
     point: Vec3,
+}
+
+impl Seen {
+    /// Where the point is, seen from a camera at `origin` that is level: to the right, up and
+    /// forward, m.
+    fn from(&self, origin: Vec3) -> [f64; 3] {
+        let offset = self.point - origin;
+        [offset.x, offset.y, offset.z]
+    }
 }
 
 /// One of the two cameras.
@@ -121,6 +130,24 @@ impl Courtyard {
             shadows,
             seed,
             texture,
+        }
+    }
+
+    /// Returns where the point of a left pixel is, seen from the left camera as if it were level: to the
+    /// right, up and forward, m; `None` where the pixel shows nothing.
+    pub(super) fn point(&self, x: u32, y: u32) -> Option<[f64; 3]> {
+        let seen = self.look(Side::Left, x.into(), y.into())?;
+        Some(seen.from(self.cameras[0].position))
+    }
+
+    /// Returns the two cameras as a pair.
+    pub(super) fn rig(&self) -> RenderedCameras {
+        let [left, right] = self.cameras;
+        RenderedCameras {
+            focal_px: left.focal_px,
+            principal_px: left.principal_px(),
+            baseline_mm: (right.position.x - left.position.x) * 1000.0,
+            pitch_rad: PITCH_RAD,
         }
     }
 

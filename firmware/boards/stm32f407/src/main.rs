@@ -65,11 +65,11 @@ static RAW_LINES: ConstStaticCell<[u32; 2 * RIG.raw_words()]> =
 static RAW_LINE: ConstStaticCell<[u32; RIG.raw_words()]> =
     ConstStaticCell::new([0; RIG.raw_words()]);
 /// Memory of the sink: one packet.
-static PACKET: ConstStaticCell<[u8; packet_bytes(GEOMETRY.width)]> =
-    ConstStaticCell::new([0; packet_bytes(GEOMETRY.width)]);
+static PACKET: ConstStaticCell<[u8; packet_bytes(GEOMETRY.width, size_of::<i16>())]> =
+    ConstStaticCell::new([0; packet_bytes(GEOMETRY.width, size_of::<i16>())]);
 /// Send buffer of the serial port: two packets, so that sending and matching overlap.
-static OUTGOING: ConstStaticCell<[u8; 2 * packet_bytes(GEOMETRY.width)]> =
-    ConstStaticCell::new([0; 2 * packet_bytes(GEOMETRY.width)]);
+static OUTGOING: ConstStaticCell<[u8; 2 * packet_bytes(GEOMETRY.width, size_of::<i16>())]> =
+    ConstStaticCell::new([0; 2 * packet_bytes(GEOMETRY.width, size_of::<i16>())]);
 /// Receive buffer of the serial port; received bytes are not used.
 static INCOMING: ConstStaticCell<[u8; 4]> = ConstStaticCell::new([0; 4]);
 

@@ -65,14 +65,14 @@ bind_interrupts!(struct Interrupts {
 static LINES: ConstStaticCell<[u32; session::memory_words(&GEOMETRY)]> =
     ConstStaticCell::new([0; session::memory_words(&GEOMETRY)]);
 /// Memory of the sink: one packet.
-static PACKET: ConstStaticCell<[u8; packet_bytes(GEOMETRY.width)]> =
-    ConstStaticCell::new([0; packet_bytes(GEOMETRY.width)]);
+static PACKET: ConstStaticCell<[u8; packet_bytes(GEOMETRY.width, size_of::<i16>())]> =
+    ConstStaticCell::new([0; packet_bytes(GEOMETRY.width, size_of::<i16>())]);
 /// Memory of the camera: one raw line.
 static RAW_LINE: ConstStaticCell<[u32; RIG.raw_words()]> =
     ConstStaticCell::new([0; RIG.raw_words()]);
 /// Send buffer of the serial port: two packets, so that sending and matching overlap.
-static OUTGOING: ConstStaticCell<[u8; 2 * packet_bytes(GEOMETRY.width)]> =
-    ConstStaticCell::new([0; 2 * packet_bytes(GEOMETRY.width)]);
+static OUTGOING: ConstStaticCell<[u8; 2 * packet_bytes(GEOMETRY.width, size_of::<i16>())]> =
+    ConstStaticCell::new([0; 2 * packet_bytes(GEOMETRY.width, size_of::<i16>())]);
 /// Receive buffer of the serial port; received bytes are not used.
 static INCOMING: ConstStaticCell<[u8; 4]> = ConstStaticCell::new([0; 4]);
 

@@ -5,20 +5,25 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use vgstereo_core::{DisparityRange, Preset};
+use vgstereo_core::disparity::px_to_q4;
+use vgstereo_core::geometry::{LaserScan, Rectification, Scan, ScanConfig};
+use vgstereo_core::{DisparityRange, Preset, Reference};
+use vgstereo_emulated::request::ScanRequest;
 use vgstereo_firmware::camera::PixelFormat;
 use vgstereo_firmware::scripted::{NotAFault, ScriptedFault};
-use vgstereo_sim::arguments::{RectifiedViews, parse_preset};
+use vgstereo_sim::arguments::{RectifiedViews, ScanOptions, parse_preset};
 use vgstereo_sim::cameras::Cameras;
 use vgstereo_sim::disparity_files::DisparityFormat;
-use vgstereo_sim::files::write_files;
+use vgstereo_sim::files::{ensure_distinct_outputs, write_files};
 use vgstereo_sim::images::{ImageFile, ViewImages};
+use vgstereo_sim::scan_files::ScanFormat;
 
 use super::selection::parse_executed_board;
 use crate::board::{Board, Model};
 use crate::build::build;
 use crate::elf::Sizes;
 use crate::emulator::{self, Clock};
+use crate::host::Frames;
 use crate::model::{self, Report, Scenario};
 use crate::pair::Pair;
 use crate::toolchain::ensure_complete;
@@ -50,6 +55,8 @@ pub struct Run {
     calibration: Vec<PathBuf>,
     #[command(flatten)]
     views: RectifiedViews,
+    #[command(flatten)]
+    scan: ScanOptions,
     /// Folder of a scene, as `vgstereo eval` reads them. A small board gets the scene in grey
     /// and half as large.
     #[arg(long, value_name = "DIR", conflicts_with = "left")]
@@ -96,7 +103,22 @@ impl Run {
         if let Some(model) = self.board.model {
             return self.run_modelled(&model, &pair, format);
         }
-        let request = pair.request(self.preset, self.frames, &self.fault)?;
+        let mut request = pair.request(self.preset, self.frames, &self.fault)?;
+        let scan = match &self.scan.scan {
+            Some(path) => {
+                ensure_distinct_outputs(&[], &[&self.out, path]).context("--out, --scan")?;
+                let format = ScanFormat::choose(path)?;
+                let (camera, pitch_rad) = pair
+                    .camera
+                    .context("--scan needs --calibration, or the built-in scene")?;
+                let config = self.scan.config(camera, request.width(), pitch_rad);
+                request.scan = Some(ScanRequest::new(&config));
+                let mut memory = vec![0; LaserScan::words(config.bearings, config.lines_min)];
+                LaserScan::new(&config, &mut memory).context("--scan")?;
+                Some((path, format, config))
+            }
+            None => None,
+        };
         request.config().validate()?;
         ensure_complete(&[self.board])?;
         let firmware = build(&self.board)?;
@@ -115,7 +137,14 @@ impl Run {
         let pixels = all_q4.len() / self.frames as usize;
         let last_q4 = all_q4.chunks_exact(pixels.max(1)).last();
         let last_q4 = last_q4.with_context(|| format!("{} gave no frame", self.board.name))?;
-        write_files(&[(&self.out, format.encode(last_q4, width)?)])?;
+        let mut files = vec![(self.out.as_path(), format.encode(last_q4, width)?)];
+        if let Some((path, format, config)) = &scan {
+            let last_px = i16::try_from(pair.disparities.range_px().end - 1)?;
+            let range_min_mm = config.camera.depth().mm(px_to_q4(last_px));
+            let last = LastScan::of(&frames, config)?;
+            files.push((path.as_path(), format.encode(&last.scan(), range_min_mm)?));
+        }
+        write_files(&files)?;
         let mut text = format!(
             "{}: {} on {} {}, {} bytes of working memory, {} bytes of stack\n",
             self.board.name,
@@ -131,7 +160,9 @@ impl Run {
         for (name, count) in report.counters().filter(|&(_, count)| count > 0) {
             writeln!(text, "{name} {count}")?;
         }
-        writeln!(text, "wrote {}", self.out.display())?;
+        for (path, _) in &files {
+            writeln!(text, "wrote {}", path.display())?;
+        }
         Ok(text)
     }
 
@@ -145,6 +176,11 @@ impl Run {
         ensure!(
             pair.rectification.is_none(),
             "--calibration: the firmware of {} has its calibration built in",
+            self.board.name
+        );
+        ensure!(
+            self.scan.scan.is_none(),
+            "--scan: the firmware of {} sends disparities",
             self.board.name
         );
         ensure!(
@@ -214,7 +250,12 @@ impl Run {
         let (left_file, right_file) = (ImageFile::open(left)?, ImageFile::open(right)?);
         let cameras = Cameras::read(&self.calibration, &self.views, left_file.dimensions())?;
         let views = ViewImages::decode(&left_file, &right_file, None)?;
+        let camera = match &cameras.rectification {
+            Some(bytes) => Rectification::from_bytes(bytes)?.camera(Reference::Left),
+            None => None,
+        };
         Ok(Pair {
+            camera: camera.map(|camera| (camera, None)),
             rectification: cameras.rectification,
             name: left.display().to_string(),
             left: views.left,
@@ -225,6 +266,41 @@ impl Run {
                 |built_for| DisparityRange::up_to(built_for.disparities - 1),
             ),
         })
+    }
+}
+
+/// The scan of the last frame.
+struct LastScan {
+    angles_rad: [f32; 2],
+    ranges_mm: Vec<u16>,
+    range_max_mm: u16,
+}
+
+impl LastScan {
+    fn of(frames: &Frames, config: &ScanConfig) -> Result<Self> {
+        let bytes = 8 + 2 * usize::from(config.bearings);
+        let last = frames.scans.rchunks_exact(bytes).next();
+        let (angles, ranges) = last
+            .and_then(|last| last.split_at_checked(8))
+            .context("the board gave no scan")?;
+        let angles = angles.as_chunks().0.iter();
+        let mut angles = angles.map(|&bytes| f32::from_le_bytes(bytes));
+        let ranges = ranges.as_chunks().0.iter();
+        Ok(Self {
+            angles_rad: std::array::from_fn(|_| angles.next().unwrap_or_default()),
+            ranges_mm: ranges.map(|&bytes| u16::from_le_bytes(bytes)).collect(),
+            range_max_mm: config.range_max_mm,
+        })
+    }
+
+    fn scan(&self) -> Scan<'_> {
+        let [bearing_min_rad, bearing_step_rad] = self.angles_rad;
+        Scan {
+            ranges_mm: &self.ranges_mm,
+            bearing_min_rad,
+            bearing_step_rad,
+            range_max_mm: self.range_max_mm,
+        }
     }
 }
 

@@ -6,6 +6,7 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 use rayon::prelude::*;
 use vgstereo_core::Preset;
+use vgstereo_emulated::Request;
 use vgstereo_sim::tables::table;
 use vgstereo_sim::terminal::progress_bar;
 
@@ -26,8 +27,8 @@ const SCENES: [&str; 4] = ["tsukuba", "venus", "teddy", "cones"];
 #[derive(Debug, Args)]
 #[command(
     after_help = "Every preset that fits a board's memory, on the built-in scene, on raw lines that are \
-    rectified first (crooked) and, where the \
-    environment variable MIDDLEBURY_DIR names their folder, on Tsukuba, Venus, Teddy and Cones: \
+    rectified first (crooked), both with a laser scan where it fits, and, where the environment \
+    variable MIDDLEBURY_DIR names their folder, on Tsukuba, Venus, Teddy and Cones: \
     in grey and half as large on a small board, whole and in colour on the others.\n\nThe real \
     board runs the firmware that is flashed on a model of its chip: one frame of the built-in \
     scene. It is left out where the model cannot be built, unless it is named."
@@ -45,7 +46,7 @@ struct Case {
     board: Board,
     firmware: PathBuf,
     pair: Pair,
-    preset: Preset,
+    request: Request,
 }
 
 impl Verify {
@@ -67,12 +68,20 @@ impl Verify {
             let lent_bytes = Sizes::read(&firmware)?.lent_bytes;
             for pair in self.pairs(&board, folder.as_deref())? {
                 for preset in Preset::ALL {
-                    if pair.request(preset, 1, &[])?.working_bytes() <= lent_bytes {
+                    let request = pair.request(preset, 1, &[])?;
+                    let scanning = Request {
+                        scan: pair.scan(),
+                        ..request.clone()
+                    };
+                    // With a scan where there is room for it.
+                    let mut requests = [scanning, request].into_iter();
+                    let fitting = requests.find(|request| request.working_bytes() <= lent_bytes);
+                    if let Some(request) = fitting {
                         cases.push(Case {
                             board,
                             firmware: firmware.clone(),
                             pair: pair.clone(),
-                            preset,
+                            request,
                         });
                     }
                 }
@@ -95,7 +104,7 @@ impl Verify {
             (a.board, &a.pair.name, a.pair.size()) == (b.board, &b.pair.name, b.pair.size())
         }) {
             if let [first, ..] = rows {
-                let presets: Vec<_> = rows.iter().map(|case| case.preset.name()).collect();
+                let presets: Vec<_> = rows.iter().map(|case| case.request.preset.name()).collect();
                 table.add_row([
                     first.board.name.to_owned(),
                     first.pair.name.clone(),
@@ -178,10 +187,9 @@ impl Case {
     /// # Errors
     /// Fails with one line that names the case and the first pixel that differs.
     fn compare(&self) -> Result<()> {
-        let request = self.pair.request(self.preset, 1, &[])?;
-        let clock = Clock::Host;
-        let (board, _) = emulator::run(&self.board, &self.firmware, &self.pair, &request, clock)?;
-        let (host, _) = host::run(&self.pair, &request)?;
+        let (pair, request) = (&self.pair, &self.request);
+        let (board, _) = emulator::run(&self.board, &self.firmware, pair, request, Clock::Host)?;
+        let (host, _) = host::run(pair, request)?;
         let difference = host::first_difference(&board, &host, self.pair.left.width());
         ensure!(
             difference.is_none(),
@@ -189,7 +197,7 @@ impl Case {
             self.board.name,
             self.pair.name,
             self.pair.size(),
-            self.preset,
+            self.request.preset,
             difference.unwrap_or_default()
         );
         Ok(())
