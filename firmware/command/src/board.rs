@@ -16,9 +16,6 @@ pub struct Board {
     pub target: &'static str,
     /// Compiler flags in addition to those that the folder configures.
     pub compiler_flags: &'static [&'static str],
-    /// The crate below `firmware/boards` that it shares with another board and that has a feature
-    /// with its name; `None` if there is none.
-    pub shared: Option<&'static str>,
     /// How it is emulated; `None` for a board that runs only as hardware.
     pub emulation: Option<Emulation>,
     /// The model of its chip; `None` for a board that has none.
@@ -63,7 +60,6 @@ pub const STM32F405: Board = Board {
     folder: "stm32f405",
     target: ARM_TARGET,
     compiler_flags: &[],
-    shared: None,
     emulation: Some(Emulation {
         program: "qemu-system-arm",
         arguments: &["-machine", "netduinoplus2"],
@@ -79,7 +75,6 @@ pub const MPS2_AN500: Board = Board {
     folder: "mps2-an500",
     target: ARM_TARGET,
     compiler_flags: &[],
-    shared: None,
     emulation: Some(Emulation {
         program: "qemu-system-arm",
         arguments: &["-machine", "mps2-an500"],
@@ -95,7 +90,6 @@ pub const RISCV_VIRT: Board = Board {
     folder: "riscv-virt",
     target: RISCV_TARGET,
     compiler_flags: &[],
-    shared: None,
     emulation: Some(Emulation {
         program: "qemu-system-riscv32",
         arguments: &[
@@ -130,7 +124,6 @@ pub const STM32H743: Board = Board {
     folder: "stm32h743",
     target: ARM_TARGET,
     compiler_flags: &[],
-    shared: Some("stm32-stereo"),
     emulation: None,
     model: Some(Model {
         folder: "stm32h743-model",
@@ -148,7 +141,6 @@ pub const STM32F407: Board = Board {
     folder: "stm32f407",
     target: ARM_TARGET,
     compiler_flags: &[],
-    shared: Some("stm32-stereo"),
     emulation: None,
     model: None,
     is_small: false,
