@@ -90,7 +90,8 @@ fn small_pair() -> Pair {
     Pair::rendered(64, 40, 16)
 }
 
-/// Raw lines, rectified on the board, in grey and in colour, with a fault between two frames.
+/// Raw lines, rectified on the board, in grey and in colour, with a fault between two frames; and the
+/// laser scan of each.
 fn same_bytes_of_raw_lines(board: &Board) -> Result<(), Failed> {
     let firmware = build(board).map_err(text)?;
     let fault = ScriptedFault {
@@ -104,12 +105,16 @@ fn same_bytes_of_raw_lines(board: &Board) -> Result<(), Failed> {
             ..Pair::crooked(64, 40, 16, true).map_err(text)?
         };
         for preset in [Preset::Lite, Preset::Paper] {
-            let request = pair.request(preset, 2, &[fault]).map_err(text)?;
+            let mut request = pair.request(preset, 2, &[fault]).map_err(text)?;
+            request.scan = pair.scan();
             let ran = emulator::run(board, &firmware, &pair, &request, Clock::Host);
             let (frames, report) = ran.map_err(text)?;
             let (expected, statistics) = host::run(&pair, &request).map_err(text)?;
             assert_eq!(report.statistics, statistics, "{preset} {format:?}");
             assert_eq!(statistics.frames_dropped, 1);
+            // Two scans of 60 bearings, each after two angles; something is seen.
+            assert_eq!(frames.scans.len(), 2 * (2 * 4 + 60 * 2));
+            assert!(frames.scans[8..128].iter().any(|&byte| byte > 0));
             let difference = host::first_difference(&frames, &expected, 64);
             assert_eq!(difference, None, "{preset} {format:?}");
             // Pixels that no camera saw have no disparity, and others have.

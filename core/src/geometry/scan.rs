@@ -203,7 +203,7 @@ impl<'m> LaserScan<'m> {
         }
         let camera = &self.camera;
         let [cx_q8, cy_q8] = camera.principal_q8().map(i64::from);
-        let focal_q8 = i64::from(camera.focal_q8());
+        let focal_q8 = divisor(camera.focal_q8());
         // No view has more lines.
         let down_q8 = i64::from(line.line.min(u16::MAX.into())) * 256 - cy_q8;
         // The ray of the line's middle: how far forward and up it leads in the level frame for each
@@ -225,7 +225,7 @@ impl<'m> LaserScan<'m> {
         };
         let mut edges = self.tangents_q16.iter().map(|&tangent| column(tangent));
         let mut from = edges.next().unwrap_or(0);
-        let bearings = self.nearest_mm.chunks_exact_mut(self.lines_min);
+        let bearings = self.nearest_mm.chunks_exact_mut(self.lines_min.max(1));
         for ((nearest_mm, to), &secant_q16) in bearings.zip(edges).zip(self.secants_q16.iter()) {
             let to = to.min(line.disparities_q4.len());
             let pixels = (
@@ -262,7 +262,7 @@ impl<'m> LaserScan<'m> {
     /// each focal length; `None` if it does not meet the band.
     fn counted_q4(&self, up_q8: i64) -> Option<RangeInclusive<i16>> {
         let depth = self.camera.depth();
-        let focal_q8 = i64::from(self.camera.focal_q8());
+        let focal_q8 = divisor(self.camera.focal_q8());
         // 256 times baseline times up: divided by a disparity, it is the height.
         let rise = i64::from(depth.numerator_q8()) * up_q8 / focal_q8;
         let [low, high] = [self.heights_mm.start(), self.heights_mm.end()].map(|&h| i64::from(h));
@@ -330,6 +330,11 @@ impl<'m> LaserScan<'m> {
 /// A number in steps of 2^-16, rounded to nearest; the cast saturates.
 fn q16(value: f32) -> i64 {
     libm::roundf(value * 65_536.0) as i64
+}
+
+/// The number to divide by, at least 1, which the compiler then knows: no panic is left.
+fn divisor(number: u32) -> i64 {
+    i64::from(number.max(1))
 }
 
 /// Puts a range among the smallest ones, which are ascending, and drops the largest.
