@@ -163,9 +163,10 @@ pub struct ScanOptions {
     /// LaserScan, rad and m) or .png (plan view); needs the cameras' numbers as --depth does.
     #[arg(long, value_name = "FILE")]
     pub scan: Option<PathBuf>,
-    /// Number of bearings of the scan, at equal angles over the view.
-    #[arg(long, value_name = "N", default_value_t = 90)]
-    scan_bearings: u16,
+    /// Number of bearings of the scan, at equal angles over the view [default: 90, or one for each
+    /// column].
+    #[arg(long, value_name = "N")]
+    scan_bearings: Option<u16>,
     /// Heights that count, relative to the camera, mm: LOW,HIGH.
     #[arg(
         long,
@@ -202,7 +203,7 @@ impl ScanOptions {
         ScanConfig {
             camera,
             columns: 0..width,
-            bearings: self.scan_bearings,
+            bearings: self.scan_bearings.unwrap_or(width.min(90)),
             pitch_rad: stated_rad.or(pitch_rad).unwrap_or_default(),
             heights_mm: low..=high,
             range_max_mm: self.scan_range,

@@ -10,6 +10,7 @@
 
 mod camera;
 mod courtyard;
+mod distorted;
 mod furniture;
 mod geometry;
 mod grid;
@@ -20,16 +21,19 @@ mod vector;
 
 use core::f64::consts::TAU;
 
+use anyhow::Result;
 use image::RgbImage;
 use rand_core::Rng;
 use rand_pcg::Pcg32;
 use rayon::prelude::*;
 
+use crate::calibration::StereoCalibration;
 use crate::exposure::Exposure;
 use crate::line_offset::LINE_OFFSET_MAX_PX;
 use crate::scene::Scene;
 pub use camera::RenderedCameras;
 use courtyard::{Courtyard, Side};
+use distorted::Lookup;
 use truth::ground_truth;
 
 /// The smallest width and height of a rendered image, px; smaller ones are raised to it.
@@ -82,7 +86,7 @@ impl RenderedCameras {
     /// Returns the cameras of a scene that is rendered with these options.
     #[must_use]
     pub fn of(options: &RenderOptions) -> Self {
-        let (yard, ..) = courtyard(options);
+        let (yard, ..) = courtyard(options, 0.0);
         yard.rig()
     }
 }
@@ -91,19 +95,21 @@ impl RenderedCameras {
 /// level: to the right, up and forward, m. `None` where a pixel shows nothing.
 #[must_use]
 pub fn surface_points(options: &RenderOptions) -> Vec<Option<[f64; 3]>> {
-    let (yard, width, height, _) = courtyard(options);
+    let (yard, width, height, _) = courtyard(options, 0.0);
     let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
     pixels.map(|(x, y)| yard.point(x, y)).collect()
 }
 
-/// Returns the scene, and its width, height and largest disparity, px, in their ranges.
-fn courtyard(options: &RenderOptions) -> (Courtyard, u32, u32, u16) {
+/// Returns the scene, which can be looked at beyond its views by a part of their width, and its width,
+/// height and largest disparity, px, in their ranges.
+fn courtyard(options: &RenderOptions, margin_widths: f64) -> (Courtyard, u32, u32, u16) {
     let width = options.width.clamp(SIDE_MIN_PX, SIDE_MAX_PX);
     let height = options.height.clamp(SIDE_MIN_PX, SIDE_MAX_PX);
     // Half of SIDE_MAX_PX fits.
     let d_max = options.d_max.clamp(1, (width / 2) as u16);
     let texture = finite(options.texture, RenderOptions::default().texture).clamp(0.0, 1.0);
-    let yard = Courtyard::new(width, height, d_max, options.seed, texture.into());
+    let margin = (margin_widths * f64::from(width)) as u32;
+    let yard = Courtyard::new(width, height, margin, d_max, options.seed, texture.into());
     (yard, width, height, d_max)
 }
 
@@ -112,7 +118,7 @@ fn finite(value: f32, otherwise: f32) -> f32 {
 }
 
 /// How one camera turns light into grey levels.
-struct Sensor {
+struct Sensor<'a> {
     exposure: Exposure,
     /// The standard deviation of the noise, grey levels.
     noise: f64,
@@ -121,6 +127,8 @@ struct Sensor {
     stream: u64,
     /// How far the view is shifted down, px.
     line_offset_px: f64,
+    /// Where its pixels look; `None` for a rectified view.
+    lookup: Option<&'a Lookup>,
 }
 
 /// Renders the built-in scene and returns it with the ground truth of both views and all masks.
@@ -129,7 +137,35 @@ struct Sensor {
 /// by their defaults.
 #[must_use]
 pub fn render(options: &RenderOptions) -> Scene {
-    let (yard, width, height, d_max) = courtyard(options);
+    let (yard, width, height, d_max) = courtyard(options, 0.0);
+    scene(&yard, options, [None, None], width, height, d_max)
+}
+
+/// Renders the built-in scene as [`render`] does, but through two real cameras, and returns it with their
+/// calibration, whose unit is mm and whose stored rectification leads to the views of [`render`]. The
+/// truth and the masks are those of the rectified views.
+///
+/// # Errors
+/// Fails when the cameras of such views are out of the range of a calibration.
+pub fn render_distorted(options: &RenderOptions) -> Result<(Scene, StereoCalibration)> {
+    let (yard, width, height, d_max) = courtyard(options, distorted::MARGIN_WIDTHS);
+    let size = [u16::try_from(width)?, u16::try_from(height)?];
+    let calibration = distorted::calibration(&yard.rig(), size)?;
+    let left = Lookup::new(&calibration, size, 0)?;
+    let right = Lookup::new(&calibration, size, 1)?;
+    let lookups = [Some(&left), Some(&right)];
+    let scene = scene(&yard, options, lookups, width, height, d_max);
+    Ok((scene, calibration))
+}
+
+fn scene(
+    yard: &Courtyard,
+    options: &RenderOptions,
+    [left_lookup, right_lookup]: [Option<&Lookup>; 2],
+    width: u32,
+    height: u32,
+    d_max: u16,
+) -> Scene {
     let noise = finite(options.noise, RenderOptions::default().noise).max(0.0);
     let left = Sensor {
         exposure: Exposure::EQUAL,
@@ -137,6 +173,7 @@ pub fn render(options: &RenderOptions) -> Scene {
         seed: options.seed,
         stream: 0,
         line_offset_px: 0.0,
+        lookup: left_lookup,
     };
     let right = Sensor {
         exposure: Exposure {
@@ -149,20 +186,21 @@ pub fn render(options: &RenderOptions) -> Scene {
         line_offset_px: finite(options.line_offset_px, 0.0)
             .clamp(-LINE_OFFSET_MAX_PX, LINE_OFFSET_MAX_PX)
             .into(),
+        lookup: right_lookup,
         ..left
     };
     Scene {
         name: "courtyard".to_owned(),
-        left: view(&yard, Side::Left, &left, width, height),
-        right: view(&yard, Side::Right, &right, width, height),
+        left: view(yard, Side::Left, &left, width, height),
+        right: view(yard, Side::Right, &right, width, height),
         bits: None,
         d_max,
-        truth: Some(ground_truth(&yard, width, height)),
+        truth: Some(ground_truth(yard, width, height)),
     }
 }
 
 /// Returns the image of one camera. Its lines are rendered in parallel.
-fn view(yard: &Courtyard, side: Side, sensor: &Sensor, width: u32, height: u32) -> RgbImage {
+fn view(yard: &Courtyard, side: Side, sensor: &Sensor<'_>, width: u32, height: u32) -> RgbImage {
     let mut image = RgbImage::new(width, height);
     let line_bytes = width as usize * 3;
     image
@@ -176,7 +214,7 @@ fn view(yard: &Courtyard, side: Side, sensor: &Sensor, width: u32, height: u32) 
             let stream = (y as u64) << 1 | sensor.stream;
             let mut random = Pcg32::new(sensor.seed, stream);
             for (x, pixel) in line.chunks_exact_mut(3).enumerate() {
-                let light = exposed(yard, side, x as f64, y_px);
+                let light = exposed(yard, side, sensor.lookup, x as f64, y_px);
                 for (channel, light) in pixel.iter_mut().zip(light) {
                     let mut grey = 255.0 * light.min(1.0).sqrt() * gain + offset;
                     if sensor.noise > 0.0 {
@@ -200,11 +238,22 @@ fn gaussian(random: &mut Pcg32) -> f64 {
 
 /// Returns the mean light over a pixel. It takes 4 samples, and 16 more when the first ones
 /// meet different objects.
-fn exposed(yard: &Courtyard, side: Side, x_px: f64, y_px: f64) -> [f64; 3] {
+fn exposed(
+    yard: &Courtyard,
+    side: Side,
+    lookup: Option<&Lookup>,
+    x_px: f64,
+    y_px: f64,
+) -> [f64; 3] {
     let mut sum = [0.0; 3];
     let mut count = 0.0;
     let mut sample = |dx: f64, dy: f64| {
-        let seen = yard.look(side, x_px + dx, y_px + dy)?;
+        let at = (x_px + dx, y_px + dy);
+        let [x_px, y_px] = match lookup {
+            Some(lookup) => lookup.rectified_px(at.0, at.1)?,
+            None => at.into(),
+        };
+        let seen = yard.look(side, x_px, y_px)?;
         for (sum, light) in sum.iter_mut().zip(yard.light(&seen)) {
             *sum += light;
         }

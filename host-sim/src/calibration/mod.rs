@@ -30,4 +30,5 @@ pub use make::{Options, Rectified, rectify};
 pub use maps::{ERROR_MAX_PX, Maps};
 pub use read::{projections, read};
 pub use rectified::{Keep, RectifiedPair};
+pub use ros::camera_infos;
 pub use stereo::{StereoCalibration, StoredRectification};

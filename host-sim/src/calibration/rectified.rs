@@ -195,9 +195,10 @@ impl RectifiedPair {
         self.principal_px[1].x - self.principal_px[0].x
     }
 
-    /// The tangents, in the rectified view, of what the raw camera sees at a pixel; `None` beyond 85
-    /// degrees from either axis.
-    fn rectified_ray(&self, view: usize, pixel: DVec2) -> Option<DVec2> {
+    /// The tangents, in the rectified view, of what the raw camera of a view, 0 or 1, sees at a pixel; `None`
+    /// beyond 85 degrees from either axis.
+    #[must_use]
+    pub fn rectified_ray(&self, view: usize, pixel: DVec2) -> Option<DVec2> {
         let ray = self.cameras[view].ray(pixel)?;
         let turned = self.rotations[view] * ray.extend(1.0);
         let tangents = turned.truncate() / turned.z;

@@ -1,10 +1,12 @@
 //! Pairs of ROS's `camera_info` files: a camera each, rectified rather than related to the other.
 
-use anyhow::{Result, anyhow, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
+use glam::DMat3;
+use serde::Serialize;
 
 use super::camera::Camera;
 use super::document::{Document, Entry};
-use super::lens::Lens;
+use super::lens::{Lens, Model};
 use super::stereo::{StereoCalibration, StoredRectification, rotation};
 
 /// Whether a file is one of ROS.
@@ -76,4 +78,115 @@ fn camera(document: &Document) -> Result<(Camera, glam::DMat3, [f64; 12])> {
         }
     }
     Ok((camera, turned, numbers))
+}
+
+/// A `camera_info` file.
+#[derive(Debug, Serialize)]
+struct CameraInfo {
+    image_width: u16,
+    image_height: u16,
+    camera_name: &'static str,
+    camera_matrix: Matrix,
+    distortion_model: &'static str,
+    distortion_coefficients: Matrix,
+    rectification_matrix: Matrix,
+    projection_matrix: Matrix,
+}
+
+#[derive(Debug, Serialize)]
+struct Matrix {
+    rows: usize,
+    cols: usize,
+    data: Vec<f64>,
+}
+
+impl Matrix {
+    fn new(rows: usize, data: Vec<f64>) -> Self {
+        let cols = data.len() / rows;
+        Self { rows, cols, data }
+    }
+}
+
+/// Returns the `camera_info` files, YAML, of the left and the right camera.
+///
+/// # Errors
+/// Fails with the reason when the calibration has no rectification, no unit or no size.
+pub fn camera_infos(calibration: &StereoCalibration) -> Result<[String; 2]> {
+    let stored = calibration.stored.context("there is no rectification")?;
+    let unit_mm = calibration.unit_mm.context("the unit is not known")?;
+    let info = |view: usize| -> Result<String> {
+        let camera = &calibration.cameras[view];
+        let [image_width, image_height] = camera.size.context("the size is not known")?;
+        let (distortion_model, coefficients) = match camera.lens.model() {
+            Model::RadialTangential(k) if k[5..].iter().all(|&k| k == 0.0) => {
+                ("plumb_bob", k[..5].to_vec())
+            }
+            Model::RadialTangential(k) => ("rational_polynomial", k.to_vec()),
+            Model::Equidistant(k) => ("equidistant", k.to_vec()),
+        };
+        let (focal, principal) = (camera.focal_px, camera.principal_px);
+        let matrix = vec![
+            focal.x,
+            0.0,
+            principal.x,
+            0.0,
+            focal.y,
+            principal.y,
+            0.0,
+            0.0,
+            1.0,
+        ];
+        let mut projection = stored.projections[view].to_vec();
+        // The offset is in m.
+        for column in [3, 7, 11] {
+            projection[column] *= unit_mm / 1000.0;
+        }
+        Ok(serde_saphyr::to_string(&CameraInfo {
+            image_width,
+            image_height,
+            camera_name: ["left", "right"][view],
+            camera_matrix: Matrix::new(3, matrix),
+            distortion_model,
+            distortion_coefficients: Matrix::new(1, coefficients),
+            rectification_matrix: Matrix::new(3, row_major(stored.rotations[view])),
+            projection_matrix: Matrix::new(3, projection),
+        })?)
+    };
+    Ok([info(0)?, info(1)?])
+}
+
+fn row_major(matrix: DMat3) -> Vec<f64> {
+    matrix.transpose().to_cols_array().to_vec()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::read::read as read_files;
+    use crate::render::{RenderOptions, render_distorted};
+
+    #[test]
+    fn what_is_written_is_read() {
+        let (_, written) = render_distorted(&RenderOptions {
+            width: 64,
+            height: 48,
+            d_max: 8,
+            ..RenderOptions::default()
+        })
+        .unwrap();
+        let [left, right] = camera_infos(&written).unwrap();
+        let files = [("right.yaml", right), ("left.yaml", left)];
+        let files = files.map(|(name, text)| (name.to_owned(), text.into_bytes()));
+        let read = read_files(&files).unwrap();
+        assert_eq!(read.cameras, written.cameras);
+        assert_eq!(read.unit_mm, Some(1000.0));
+        assert!(read.rotation.abs_diff_eq(written.rotation, 1e-9));
+        let translation_mm = read.translation * 1000.0;
+        assert!(translation_mm.abs_diff_eq(written.translation, 1e-6));
+        let without = StereoCalibration {
+            unit_mm: None,
+            ..written
+        };
+        assert!(camera_infos(&without).is_err());
+    }
 }

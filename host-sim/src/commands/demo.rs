@@ -8,11 +8,13 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, anyhow, ensure};
 use clap::{Args, ValueEnum};
 use image::ImageFormat;
+use vgstereo_core::geometry::{Interpolation, Rectification, Rectifier};
 use vgstereo_core::{Config, DisparityRange, Matcher, Preset, STEPS_PER_PX};
 use vgstereo_firmware::camera::{Layout, LinePairSource, PixelFormat};
-use vgstereo_firmware::{Session, session};
+use vgstereo_firmware::{NoWatchdog, Session, session};
 use vgstereo_kernels::NativeKernels;
 
+use crate::calibration::{Maps, RectifiedPair, StereoCalibration};
 use crate::camera::SimulatedCamera;
 use crate::dataset::save_scene;
 use crate::escapes::shown;
@@ -21,11 +23,13 @@ use crate::files::{encode, make_folder, write_files};
 use crate::line_offset::LineOffset;
 use crate::metrics::BadPixels;
 use crate::pictures::{colour_disparities, error_map};
-use crate::render::{RenderOptions, SIDE_MAX_PX, SIDE_MIN_PX, render};
+use crate::rectify::rectified;
+use crate::render::{RenderOptions, SIDE_MAX_PX, SIDE_MIN_PX, render, render_distorted};
 use crate::scene::Scene;
 use crate::sink::FrameCollector;
 use crate::tables::{kib, milliseconds, percent, table};
 use crate::terminal::write_output;
+use crate::views::Views;
 
 /// The usual threshold of the benchmark, px: disparities further from the ground truth are bad.
 const THRESHOLD_PX: f32 = 1.0;
@@ -57,7 +61,12 @@ pub struct Demo {
     exposure: Exposure,
     #[command(flatten)]
     line_offset: LineOffset,
-    /// Folder to write the scene to as well, with its truth and masks as `eval` reads them.
+    /// See the scene through two real cameras, with distorted lenses, turned and rolled against each other;
+    /// their raw lines are rectified first. The truth stays exact.
+    #[arg(long)]
+    distort: bool,
+    /// Folder to write the scene to as well, with its truth and masks as `eval` reads them; with
+    /// --distort also the calibration, for `eval --calibrated`.
     #[arg(long, value_name = "DIR")]
     scene: Option<PathBuf>,
     /// How the two sensors share the wire.
@@ -150,7 +159,7 @@ impl Demo {
              --offset-gradient any numbers"
         );
         make_folder(&self.out)?;
-        let scene = render(&RenderOptions {
+        let options = RenderOptions {
             width: self.width,
             height: self.height,
             d_max: self.d_max,
@@ -159,10 +168,24 @@ impl Demo {
             exposure: self.exposure,
             line_offset_px: self.line_offset.px,
             ..RenderOptions::default()
-        });
+        };
+        let (scene, calibration) = if self.distort {
+            let (scene, calibration) = render_distorted(&options)?;
+            (scene, Some(calibration))
+        } else {
+            (render(&options), None)
+        };
         if let Some(folder) = &self.scene {
-            save_scene(folder, &scene)?;
+            save_scene(folder, &scene, calibration.as_ref())?;
         }
+        let maps = match &calibration {
+            Some(calibration) => Some(maps(calibration, &scene)?),
+            None => None,
+        };
+        let rectification = maps
+            .as_ref()
+            .map(|maps| Rectification::from_bytes(&maps.bytes));
+        let rectification = rectification.transpose()?;
         let truth = scene.truth.as_ref().context("the scene has its truth")?;
         let mut table = table(
             &[
@@ -179,7 +202,7 @@ impl Demo {
         );
         let mut last = Vec::new();
         for preset in Preset::ALL {
-            let run = self.match_scene(&scene, preset)?;
+            let run = self.match_scene(&scene, rectification.as_ref(), preset)?;
             let bad = BadPixels::measure(&run.disparities_q4, truth, THRESHOLD_PX, false);
             table.add_row([
                 preset.name().to_owned(),
@@ -206,10 +229,17 @@ impl Demo {
             .map(|px| (px * f32::from(STEPS_PER_PX)).round() as i16)
             .collect();
         let range = DisparityRange::up_to(scene.d_max);
-        let mut files = Vec::new();
-        for (name, picture) in [
+        let mut pictures = vec![
             ("left.png", scene.left.clone()),
             ("right.png", scene.right.clone()),
+        ];
+        if let Some(rectification) = &rectification {
+            let views = Views::new(scene.left.clone(), scene.right.clone(), false)?;
+            let views = rectified(&views, rectification)?;
+            pictures.push(("rectified_left.png", views.picture(0)?));
+            pictures.push(("rectified_right.png", views.picture(1)?));
+        }
+        pictures.extend([
             ("truth.png", colour_disparities(&exact, self.width, range)),
             (
                 "disparity.png",
@@ -219,7 +249,9 @@ impl Demo {
                 "error.png",
                 error_map(&last, self.width, truth, THRESHOLD_PX),
             ),
-        ] {
+        ]);
+        let mut files = Vec::new();
+        for (name, picture) in pictures {
             let bytes = encode(&picture.into(), ImageFormat::Png)?;
             files.push((self.out.join(name), bytes));
         }
@@ -243,7 +275,12 @@ impl Demo {
     }
 
     /// Matches one frame that the simulated camera sends through the session.
-    fn match_scene(&self, scene: &Scene, preset: Preset) -> Result<Run> {
+    fn match_scene(
+        &self,
+        scene: &Scene,
+        rectification: Option<&Rectification<'_>>,
+        preset: Preset,
+    ) -> Result<Run> {
         let (left, right) = (scene.left.clone(), scene.right.clone());
         let mut camera = SimulatedCamera::new(left, right, self.layout.into(), self.pixels.into())?;
         let geometry = camera.geometry();
@@ -259,17 +296,47 @@ impl Demo {
         let mut matcher_memory = vec![0; config.memory_words()];
         let mut line_memory = vec![0; session::memory_words(&geometry)];
         let matcher = Matcher::new(&config, NativeKernels::fastest(), &mut matcher_memory)?;
+        let words = rectification.map_or(0, |r| Rectifier::words(r, config.colour));
+        let mut strip_memory = vec![0; words];
+        let kernels = NativeKernels::fastest();
+        let mut rectifier = match rectification {
+            Some(r) => Some(Rectifier::new(
+                *r,
+                config.colour,
+                kernels,
+                &mut strip_memory,
+            )?),
+            None => None,
+        };
+        let rectifier = rectifier.as_mut();
         let mut sink = FrameCollector::new();
         let started = Instant::now();
-        Session::new(&mut camera, matcher, &mut sink, &mut line_memory)?
-            .run_frame()
-            .map_err(|error| anyhow!("{error}"))?;
+        let lines = &mut line_memory;
+        Session::rectifying(
+            &mut camera,
+            rectifier,
+            matcher,
+            &mut sink,
+            lines,
+            NoWatchdog,
+        )?
+        .run_frame()
+        .map_err(|error| anyhow!("{error}"))?;
         let time = started.elapsed();
         let frame = sink.take_frame().context("the session finished a frame")?;
         Ok(Run {
             disparities_q4: frame.disparities_q4,
             time,
-            working_bytes: (matcher_memory.len() + line_memory.len()) * size_of::<u32>(),
+            working_bytes: (matcher_memory.len() + line_memory.len() + words) * size_of::<u32>(),
         })
     }
+}
+
+/// The maps that lead from the raw views of the scene to those of its truth.
+fn maps(calibration: &StereoCalibration, scene: &Scene) -> Result<Maps> {
+    let (width, height) = scene.left.dimensions();
+    let size = [u16::try_from(width)?, u16::try_from(height)?];
+    let pair = RectifiedPair::from_stored(calibration, size)?;
+    let pair = pair.context("the calibration has its rectification")?;
+    Maps::new(&pair, calibration.unit_mm, Interpolation::Bilinear)
 }

@@ -9,7 +9,9 @@ use anyhow::{Context, Result, ensure};
 use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma};
 use vgstereo_core::geometry::Interpolation;
 
-use crate::calibration::{Options, Rectified, projections, rectify};
+use crate::calibration::{
+    Options, Rectified, StereoCalibration, camera_infos, projections, rectify,
+};
 use crate::escapes::shown;
 use crate::files::{encode, make_folder, read_all, read_file, read_text, write_files};
 use crate::images::{FILE_BYTES_MAX, ImageFile, ViewImages};
@@ -292,21 +294,36 @@ fn read_truth(
 }
 
 /// Saves a scene that has ground truth in a folder, which is made if it does not exist, so that
-/// [`load_scene`] can load it. Disparities have 16 bits. Other files in the folder are kept.
+/// [`load_scene`] can load it, or [`load_calibrated`] if its views are raw: then with the calibration, as
+/// ROS's `left.yaml` and `right.yaml`. Disparities have 16 bits. Other files in the folder are kept.
 ///
 /// # Errors
 /// Fails with one line that names the file or folder and the reason, or when the scene has no
 /// ground truth. No file is written then.
-pub fn save_scene(folder: &Path, scene: &Scene) -> Result<()> {
+pub fn save_scene(
+    folder: &Path,
+    scene: &Scene,
+    calibration: Option<&StereoCalibration>,
+) -> Result<()> {
     let truth = scene.truth.as_ref();
     let truth = truth.with_context(|| format!("the scene {} has no truth", scene.name))?;
     let (width, height) = scene.left.dimensions();
     // As fine as 16 bits hold.
     let gt_scale = f32::from(u16::MAX / scene.d_max.max(1)).min(256.0);
+    let calibrations = match calibration {
+        Some(calibration) => {
+            let [left, right] = camera_infos(calibration)?;
+            vec![("left.yaml", left), ("right.yaml", right)]
+        }
+        None => Vec::new(),
+    };
     let meta = Meta {
         d_max: scene.d_max,
         gt_scale: Some(gt_scale),
-        calibration_files: Vec::new(),
+        calibration_files: calibrations
+            .iter()
+            .map(|(name, _)| (*name).to_owned())
+            .collect(),
     };
     let disparities = |px: &[f32]| -> Result<DynamicImage> {
         // 0 is unknown, as casts make of NaN; they saturate.
@@ -349,6 +366,10 @@ pub fn save_scene(folder: &Path, scene: &Scene) -> Result<()> {
     for (name, image) in &images {
         paths.push(folder.join(name));
         contents.push(encode(image, ImageFormat::Png)?);
+    }
+    for (name, text) in calibrations {
+        paths.push(folder.join(name));
+        contents.push(text.into_bytes());
     }
     make_folder(folder)?;
     let files: Vec<_> = paths.iter().map(PathBuf::as_path).zip(contents).collect();
@@ -417,7 +438,7 @@ mod tests {
                     disc: mask([false, false, true, false, false, true]),
                 }),
             };
-            save_scene(&path, &scene).unwrap();
+            save_scene(&path, &scene, None).unwrap();
             let loaded = load_scene(&path).unwrap();
             assert_eq!(
                 (&loaded.name, &loaded.left, &loaded.right, loaded.d_max),
@@ -449,7 +470,7 @@ mod tests {
                 truth: None,
                 ..load_scene(&path).unwrap()
             };
-            assert!(save_scene(&path, &without).is_err());
+            assert!(save_scene(&path, &without, None).is_err());
         }
     }
 }

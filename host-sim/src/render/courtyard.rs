@@ -68,8 +68,16 @@ pub(super) struct Courtyard {
 }
 
 impl Courtyard {
-    /// Returns the courtyard for views of this size, with disparities up to `d_max` px.
-    pub(super) fn new(width_px: u32, height_px: u32, d_max: u16, seed: u64, texture: f64) -> Self {
+    /// Returns the courtyard for views of this size, with disparities up to `d_max` px. It can be looked at
+    /// from both cameras up to `margin_px` beyond their views.
+    pub(super) fn new(
+        width_px: u32,
+        height_px: u32,
+        margin_px: u32,
+        d_max: u16,
+        seed: u64,
+        texture: f64,
+    ) -> Self {
         // Both halves of the seed count.
         let seed = (seed ^ (seed >> 32)) as u32;
         let mut objects = furnish(seed);
@@ -96,11 +104,12 @@ impl Courtyard {
         });
         let tiles = cameras.map(|camera| {
             let side = f64::from(TILE_PX);
-            let columns = width_px.div_ceil(TILE_PX) as usize + 2;
-            let rows = height_px.div_ceil(TILE_PX) as usize + 2;
-            // A tile of margin: rays of anti-aliasing leave the image by less than 1 px.
-            let mut grid = Grid::new(-side, -side, side, columns, rows);
-            let everywhere = [-side, f64::MAX, -side, f64::MAX];
+            // At least a tile: rays of anti-aliasing leave the image by less than 1 px.
+            let margin = margin_px.div_ceil(TILE_PX).max(1);
+            let tiles = |px: u32| (px.div_ceil(TILE_PX) + 2 * margin) as usize;
+            let start = -f64::from(margin) * side;
+            let mut grid = Grid::new(start, start, side, tiles(width_px), tiles(height_px));
+            let everywhere = [start, f64::MAX, start, f64::MAX];
             for (index, object) in (0u16..).zip(&objects) {
                 let extent = object
                     .bound()
@@ -157,7 +166,7 @@ impl Courtyard {
     }
 
     /// Returns what a camera sees at an image point; `None` where it sees nothing. The point may
-    /// be outside the image by at most a tile.
+    /// be outside the image by at most the margin, or a tile.
     pub(super) fn look(&self, side: Side, x_px: f64, y_px: f64) -> Option<Seen> {
         let ray = self.cameras[side as usize].ray(x_px, y_px);
         let mut nearest: Option<Seen> = None;

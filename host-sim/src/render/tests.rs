@@ -1,5 +1,9 @@
 use super::*;
+use crate::calibration::{Maps, RectifiedPair};
+use crate::rectify::rectified;
 use crate::scene::Mask;
+use crate::views::Views;
+use vgstereo_core::geometry::{Interpolation, Rectification};
 
 /// Small, and free of noise so that colours can be compared.
 const CLEAN: RenderOptions = RenderOptions {
@@ -371,4 +375,51 @@ fn odd_and_extreme_options_render() {
         ..CLEAN
     });
     assert_eq!(much.d_max, 16);
+}
+
+/// What the core makes of the raw views is what rectified cameras see: the truth holds for it.
+#[test]
+fn distorted_views_are_rectified_to_the_plain_ones() {
+    let plain = render(&CLEAN);
+    let (raw, calibration) = render_distorted(&CLEAN).unwrap();
+    let truth = parts(&raw);
+    assert_eq!(truth.left_px, parts(&plain).left_px);
+    assert!(truth.nonocc == parts(&plain).nonocc);
+    let pair = RectifiedPair::from_stored(&calibration, [240, 180]);
+    let pair = pair.unwrap().unwrap();
+    let maps = Maps::new(&pair, calibration.unit_mm, Interpolation::Cubic).unwrap();
+    let rectification = Rectification::from_bytes(&maps.bytes).unwrap();
+    // The cameras of the scene, to rounding.
+    let cameras = RenderedCameras::of(&CLEAN);
+    assert!((f64::from(rectification.focal_q8) / 256.0 - cameras.focal_px).abs() < 0.01);
+    assert_eq!(rectification.depth, cameras.rectified().map(|c| c.depth()));
+    let difference = |a: &Views, b: &Views, view: usize| {
+        let (a, b) = (a.picture(view).unwrap(), b.picture(view).unwrap());
+        let sum: u64 = a
+            .iter()
+            .zip(b.iter())
+            .map(|(&a, &b)| u64::from(a.abs_diff(b)))
+            .sum();
+        sum as f64 / a.len() as f64
+    };
+    let views = |scene: Scene| Views::new(scene.left, scene.right, false).unwrap();
+    let (plain, raw) = (views(plain), views(raw));
+    let made = rectified(&raw, &rectification).unwrap();
+    for view in 0..2 {
+        let (before, after) = (
+            difference(&raw, &plain, view),
+            difference(&made, &plain, view),
+        );
+        // Interpolation softens the texture; the scene stays where it is.
+        assert!(
+            before > 25.0 && after < 6.0,
+            "view {view}: {before} to {after}"
+        );
+        // Nearly all of it was seen.
+        let seen: usize = made.valid_columns[view]
+            .iter()
+            .map(ExactSizeIterator::len)
+            .sum();
+        assert!(seen > 240 * 180 * 97 / 100, "view {view}: {seen}");
+    }
 }

@@ -128,6 +128,46 @@ fn a_rectified_pair_has_depth_by_focal_length_and_baseline() {
     assert!(share(is_right) > 0.99);
 }
 
+/// A wall across the view: the nearest range at each bearing is its distance, longer to the sides.
+#[test]
+fn a_scan_has_the_ranges_of_the_wall() {
+    let fixture = Fixture::new();
+    let camera = ["--focal", "100", "--baseline", "60"];
+    let scan = ["--scan", "scan.yaml", "--scan-bearings", "20"];
+    let heights = ["--scan-heights", "-100,100"];
+    let told = run(
+        &fixture,
+        &[&["--out", "map.png"][..], &camera, &scan, &heights].concat(),
+    );
+    assert!(told.contains("scan.yaml"), "{told}");
+    let text = fs::read_to_string(fixture.path("scan.yaml")).unwrap();
+    let number = |name: &str| -> f64 {
+        let line = text.lines().find(|line| line.starts_with(name)).unwrap();
+        line.split_once(": ").unwrap().1.parse().unwrap()
+    };
+    let ranges = text.lines().skip_while(|line| *line != "ranges:").skip(1);
+    let ranges: Vec<f64> = ranges
+        .map_while(|line| line.trim_start().strip_prefix("- "))
+        .map(|range| range.replace(".nan", "nan").parse().unwrap())
+        .collect();
+    assert_eq!(ranges.len(), 20);
+    let wall_m = f64::from(FOCAL_PX * BASELINE_MM / SHIFT) / 1000.0;
+    let mut right = 0;
+    for (index, range_m) in (0_u32..).zip(&ranges) {
+        let bearing = number("angle_min") + f64::from(index) * number("angle_increment");
+        right += u32::from((range_m * bearing.cos() / wall_m - 1.0).abs() < 0.01);
+    }
+    // All but those at the border that only one camera sees.
+    assert!(right >= 17, "{right}: {ranges:?}");
+
+    let plan = ["--scan", "plan.png"];
+    run(
+        &fixture,
+        &[&["--out", "map.png"][..], &camera, &plan].concat(),
+    );
+    assert!(image::open(fixture.path("plan.png")).is_ok());
+}
+
 #[test]
 fn what_is_known_of_the_cameras_must_suffice() {
     let fixture = Fixture::new();
@@ -138,6 +178,16 @@ fn what_is_known_of_the_cameras_must_suffice() {
         fixture.refuses(&arguments, words);
     };
     refuses(&["--depth", "z.png"], &["--calibration", "--focal"]);
+    refuses(
+        &["--scan", "z.yaml"],
+        &["--scan", "--calibration", "--focal"],
+    );
+    let known = ["--focal", "100", "--baseline", "60", "--scan"];
+    refuses(&[&known[..], &["z.txt"]].concat(), &["z.txt", ".yaml"]);
+    let none = ["z.png", "--scan-bearings", "0"];
+    refuses(&[&known[..], &none].concat(), &["--scan", "bearing"]);
+    let heights = ["z.png", "--scan-heights", "9,1"];
+    refuses(&[&known[..], &heights].concat(), &["LOW,HIGH"]);
     refuses(
         &["--depth", "z.tif", "--focal", "1", "--baseline", "1"],
         &["z.tif", ".pfm"],

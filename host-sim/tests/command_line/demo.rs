@@ -79,3 +79,38 @@ fn the_scene_of_the_demo_is_one_for_eval() {
     fs::write(fixture.path("file"), "").unwrap();
     fixture.refuses(&["--scene", "file"], &["file"]);
 }
+
+/// Through two real cameras: the raw views are rectified, and the scene that is written is one for
+/// `eval --calibrated`, with the same bad pixels.
+#[test]
+fn the_demo_can_be_seen_through_distorted_cameras() {
+    let fixture = Fixture::new();
+    let size = ["--width", "160", "--height", "120", "--d-max", "20"];
+    let told = |options: &[&str]| {
+        let outcome = fixture.run(options);
+        assert_eq!((outcome.code, outcome.stderr.as_str()), (Some(0), ""));
+        outcome.stdout
+    };
+    // The average of `micro`, which is the number before the sizes and times.
+    let average = |text: &str, column: usize| -> f64 {
+        let row = text
+            .lines()
+            .find(|line| line.starts_with("| micro"))
+            .unwrap();
+        row.split('|').nth(column).unwrap().trim().parse().unwrap()
+    };
+    let plain = told(&[&size[..], &["--out", "plain"]].concat());
+    let scene = ["--distort", "--out", "raw", "--scene", "scenes/yard"];
+    let distorted = told(&[&size[..], &scene[..]].concat());
+    let (before, after) = (average(&plain, 5), average(&distorted, 5));
+    assert!(after < before + 5.0, "{before} to {after}");
+    for name in ["rectified_left", "rectified_right", "disparity"] {
+        let picture = image::open(fixture.path(&format!("raw/{name}.png"))).unwrap();
+        assert_eq!((picture.width(), picture.height()), (160, 120));
+    }
+    let eval = told(&["eval", "scenes", "--calibrated", "--preset", "micro"]);
+    assert!(
+        (average(&eval, 6) - after).abs() < 0.1,
+        "{eval}\n{distorted}"
+    );
+}
