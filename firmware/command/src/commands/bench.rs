@@ -35,8 +35,9 @@ const CASES: [(Board, u32, u32, u16, &[Preset]); 5] = [
     (RISCV_VIRT_ZBB, 320, 240, 48, &[Preset::Lite, Preset::Micro]),
 ];
 
-/// A case whose lines are raw, and rectified first: by resampling both views.
-const RECTIFIED: (Board, u16, u16, u16, Preset) = (STM32F405, 320, 240, 48, Preset::Lite);
+/// The case that is run once more with raw lines, which are rectified first by resampling both views, and
+/// once more with a laser scan.
+const SPECIAL: (Board, u16, u16, u16, Preset) = (STM32F405, 320, 240, 48, Preset::Lite);
 
 /// The name of the rows that measure the Hamming stage alone: distances of patterns of 64
 /// cells, without masks and without differences of levels.
@@ -69,6 +70,8 @@ pub struct Row {
     pub preset: &'static str,
     /// Whether the lines are raw, and rectified first.
     pub is_rectified: bool,
+    /// Whether a laser scan is made of the frame.
+    pub is_scanned: bool,
     /// The width of each view, px.
     pub width: u32,
     /// The height of each view, px.
@@ -123,8 +126,14 @@ impl Bench {
                 }
             }
         }
-        let (board, width, height, disparities, preset) = RECTIFIED;
+        let (board, width, height, disparities, preset) = SPECIAL;
         if boards.contains(&board) {
+            let pair = Pair::rendered(width.into(), height.into(), disparities);
+            let request = Request {
+                scan: pair.scan(),
+                ..pair.request(preset, 1, &[])?
+            };
+            cases.push((board, build(&board)?, pair, request));
             let pair = Pair::crooked(width, height, disparities, false)?;
             let request = pair.request(preset, 1, &[])?;
             cases.push((board, build(&board)?, pair, request));
@@ -157,6 +166,7 @@ impl Bench {
                         false => request.preset.name(),
                     },
                     is_rectified: pair.rectification.is_some(),
+                    is_scanned: request.scan.is_some(),
                     width,
                     height,
                     disparities,
@@ -218,10 +228,10 @@ fn as_text(rows: &[Row]) -> String {
             * f64::from(row.disparities);
         let mut cells = vec![
             row.board.to_owned(),
-            if row.is_rectified {
-                format!("{}, raw", row.preset)
-            } else {
-                row.preset.to_owned()
+            match (row.is_rectified, row.is_scanned) {
+                (true, _) => format!("{}, raw", row.preset),
+                (_, true) => format!("{}, scan", row.preset),
+                _ => row.preset.to_owned(),
             },
             format!("{}x{}x{}", row.width, row.height, row.disparities),
             format!("{:.1}", row.instructions_per_pixel_disparity),
@@ -241,7 +251,8 @@ fn as_text(rows: &[Row]) -> String {
     }
     format!(
         "{table}\ninstructions (not cycles) per pixel and disparity, in all and per stage; built-in scene, grey; \
-         raw: lines that are rectified first, {} instructions per pixel for resampling both views\n",
+         scan: with a laser scan of 60 bearings; raw: lines that are rectified first, {} instructions per \
+         pixel for resampling both views\n",
         per_pixel(rows)
     )
 }
