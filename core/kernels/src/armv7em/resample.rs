@@ -53,27 +53,48 @@ fn inner_cell(row: &ResampleRow<'_>, knots: [[i32; 2]; 2], pixels: &mut [u8]) ->
         return None;
     }
     let starts = row.starts.get(top_kept as usize..)?;
-    let starts = starts.get(..=height as usize + 1)?;
-    let mut windows: [&Window; LINES + 1] = [&[0; COLUMNS + 1]; LINES + 1];
-    for (window, &start) in windows.iter_mut().zip(starts) {
-        let levels = row.levels.get(start as usize + first as usize..)?;
-        *window = levels.first_chunk()?;
-    }
+    let window = |start: u32| -> Option<&Window> {
+        row.levels
+            .get(start as usize + first as usize..)?
+            .first_chunk()
+    };
     let fixed = |position: i32, origin: i32| (position - (origin << bits)) << (BITS - bits);
     let (mut x, mut y) = (fixed(x, first) as u32, fixed(y, top) as u32);
     let (dx, dy) = ((dx << (BITS - bits)) as u32, (dy << (BITS - bits)) as u32);
+    if height == 0 {
+        // Most cells: all pixels lie between the same two lines.
+        let &[upper, lower] = starts.first_chunk()?;
+        let (upper, lower) = (window(upper)?, window(lower)?);
+        for pixel in pixels {
+            *pixel = level(upper, lower, x, y);
+            x = x.wrapping_add(dx);
+            y = y.wrapping_add(dy);
+        }
+        return Some(());
+    }
+    let starts = starts.get(..=height as usize + 1)?;
+    let mut windows: [&Window; LINES + 1] = [&[0; COLUMNS + 1]; LINES + 1];
+    for (kept, &start) in windows.iter_mut().zip(starts) {
+        *kept = window(start)?;
+    }
     for pixel in pixels {
-        let column = (x >> BITS) as usize % COLUMNS;
         let line = (y >> BITS) as usize % LINES;
-        let (right, below) = (x >> (BITS - 4) & 15, y >> (BITS - 4) & 15);
-        let pair = |window: &Window| u16::from_le_bytes([window[column], window[column + 1]]);
-        let pairs = u32::from(pair(windows[line])) | u32::from(pair(windows[line + 1])) << 16;
-        // Levels of the upper line in the lower halfword. Means across are below 2^12.
-        let mixed = even_bytes(pairs) * (16 - right) + odd_bytes(pairs) * right;
-        let weights = 16 + below * 0xffff;
-        *pixel = (add_products_i16x2(mixed, weights, 128) >> 8) as u8;
+        *pixel = level(windows[line], windows[line + 1], x, y);
         x = x.wrapping_add(dx);
         y = y.wrapping_add(dy);
     }
     Some(())
+}
+
+/// The level at a place between two lines, whose integer parts are the column and a line.
+#[inline(always)]
+fn level(upper: &Window, lower: &Window, x: u32, y: u32) -> u8 {
+    let column = (x >> BITS) as usize % COLUMNS;
+    let (right, below) = (x >> (BITS - 4) & 15, y >> (BITS - 4) & 15);
+    let pair = |window: &Window| u16::from_le_bytes([window[column], window[column + 1]]);
+    let pairs = u32::from(pair(upper)) | u32::from(pair(lower)) << 16;
+    // Levels of the upper line in the lower halfword. Means across are below 2^12.
+    let mixed = even_bytes(pairs) * (16 - right) + odd_bytes(pairs) * right;
+    let weights = 16 + below * 0xffff;
+    (add_products_i16x2(mixed, weights, 128) >> 8) as u8
 }
