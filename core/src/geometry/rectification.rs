@@ -153,6 +153,29 @@ impl<'a> Rectification<'a> {
         Ok(read)
     }
 
+    /// Reads the rectification that `bytes` begin with, whatever follows: for a part of a device's flash that
+    /// is larger.
+    ///
+    /// # Errors
+    /// As [`Rectification::from_bytes`].
+    pub const fn from_prefix(bytes: &'a [u8]) -> Result<Self, RectificationError> {
+        let Some(header) = bytes.first_chunk::<HEADER_BYTES>() else {
+            return Err(RectificationError::Format);
+        };
+        if u32_at(header, 0) != u32::from_le_bytes(MAGIC) {
+            return Err(RectificationError::Format);
+        }
+        let step_shift = (u16_at(header, 6) & 0xff) as u32;
+        let (width, height) = (u16_at(header, 12), u16_at(header, 14));
+        let Some(content) = content_bytes(width, height, step_shift) else {
+            return Err(RectificationError::Size);
+        };
+        match bytes.split_at_checked(content + CHECKSUM_BYTES) {
+            Some((rectification, _)) => Self::from_bytes(rectification),
+            None => Err(RectificationError::Length),
+        }
+    }
+
     /// Number of lines that have to be kept of each raw view, for the program that writes the bytes:
     /// as [`Rectification::needed_lines`], whatever numbers the bytes state.
     ///
@@ -187,15 +210,12 @@ impl<'a> Rectification<'a> {
         let step_shift = (u16_at(header, 6) & 0xff) as u32;
         let (raw_width, raw_height) = (u16_at(header, 8), u16_at(header, 10));
         let (width, height) = (u16_at(header, 12), u16_at(header, 14));
-        if !is_side(raw_width)
-            || !is_side(raw_height)
-            || !is_side(width)
-            || !is_side(height)
-            || step_shift < 2
-            || step_shift > 6
-        {
+        let content_bytes = content_bytes(width, height, step_shift);
+        let (Some(content_bytes), true, true) =
+            (content_bytes, is_side(raw_width), is_side(raw_height))
+        else {
             return Err(RectificationError::Size);
-        }
+        };
         let interpolation = match u16_at(header, 6) >> 8 {
             0 => Interpolation::Bilinear,
             1 => Interpolation::Cubic,
@@ -206,7 +226,7 @@ impl<'a> Rectification<'a> {
         let rows = (height as usize).div_ceil(step) + 1;
         let knot_bytes = 4 * columns * rows;
         let interval_bytes = 4 * height as usize;
-        if content.len() != HEADER_BYTES + 2 * (knot_bytes + interval_bytes) {
+        if content.len() != content_bytes {
             return Err(RectificationError::Length);
         }
         let (_, maps) = content.split_at(HEADER_BYTES);
@@ -423,6 +443,17 @@ impl<'a> ViewMap<'a> {
         }
         true
     }
+}
+
+/// Bytes of a rectification before its checksum, for views of this size, px, and this binary logarithm of
+/// the pixels between knots; `None` if one of them is out of its range.
+const fn content_bytes(width: u16, height: u16, step_shift: u32) -> Option<usize> {
+    if !is_side(width) || !is_side(height) || step_shift < 2 || step_shift > 6 {
+        return None;
+    }
+    let (width, height) = (width as usize, height as usize);
+    let knots = (width.div_ceil(1 << step_shift) + 1) * (height.div_ceil(1 << step_shift) + 1);
+    Some(HEADER_BYTES + 2 * 4 * (knots + height))
 }
 
 const fn is_side(px: u16) -> bool {
@@ -681,6 +712,29 @@ pub(super) mod tests {
             Rectification::from_bytes(&without.bytes()).unwrap().depth,
             None
         );
+    }
+
+    #[test]
+    fn bytes_behind_a_rectification_are_left_alone() {
+        let bytes = stored().bytes();
+        let padded = [&bytes[..], &[0xff; 500]].concat();
+        assert!(Rectification::from_bytes(&padded).is_err());
+        let read = Rectification::from_prefix(&padded).unwrap();
+        assert_eq!(
+            read.focal_q8,
+            Rectification::from_bytes(&bytes).unwrap().focal_q8
+        );
+        assert!(Rectification::from_prefix(&bytes).is_ok());
+        for length in 0..bytes.len() {
+            assert!(Rectification::from_prefix(&bytes[..length]).is_err());
+        }
+        for at in 0..bytes.len() {
+            let mut damaged = padded.clone();
+            damaged[at] ^= 1 << (at % 8);
+            assert!(Rectification::from_prefix(&damaged).is_err(), "byte {at}");
+        }
+        let erased = Rectification::from_prefix(&[0xff; 500]);
+        assert_eq!(erased.unwrap_err(), RectificationError::Format);
     }
 
     #[test]
