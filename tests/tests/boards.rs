@@ -48,8 +48,9 @@ const TESTS: [(&str, BoardTest); 9] = [
 
 /// Tests of each modelled board, ignored if its model cannot be built, and whether each is long. Long
 /// ones are ignored unless they are asked for.
-const MODEL_TESTS: [(&str, BoardTest, bool); 6] = [
+const MODEL_TESTS: [(&str, BoardTest, bool); 7] = [
     ("frames", two_frames_as_on_the_host_and_a_fault, false),
+    ("calibrated", a_frame_of_raw_lines_as_on_the_host, false),
     ("wires", recovers_from_faults_at_the_wires, true),
     ("stuck_wires", recovers_from_stuck_wires, true),
     ("sensors", waits_for_sensors_and_sets_them_up_again, true),
@@ -324,6 +325,45 @@ fn whole_frames(ran: &Ran) -> Vec<u32> {
 /// How many lines of the log have this in them.
 fn logged(ran: &Ran, part: &str) -> usize {
     ran.log.iter().filter(|line| line.contains(part)).count()
+}
+
+/// With a calibration in its slot, the board rectifies: as the host does, and in time. One that is for
+/// another camera is told, and not used.
+fn a_frame_of_raw_lines_as_on_the_host(board: &Board) -> Result<(), Failed> {
+    let built_for = board.model.ok_or("the board has no model")?;
+    let (program, firmware) = (
+        model::build(board).map_err(text)?,
+        build(board).map_err(text)?,
+    );
+    let scenario = Scenario {
+        frames: 1,
+        until_ms: 10_000,
+        ..Scenario::default()
+    };
+    let pair = Pair::crooked(320, 240, built_for.disparities, true).map_err(text)?;
+    let ran = model::run(&program, &firmware, &pair, &scenario).map_err(text)?;
+    ran.report.ensure_all_accesses_taken().map_err(text)?;
+    assert_eq!(ran.report.resets, [""; 0]);
+    assert_eq!(logged(&ran, "calibrated: "), 1);
+    let expected = model::expected(&built_for, &pair).map_err(text)?;
+    let whole: Vec<_> = ran.frames.iter().filter(|frame| frame.is_whole).collect();
+    assert_eq!(whole.len(), 1, "{:?}", ran.log);
+    assert!(whole[0].disparities == expected.disparities);
+
+    let other = Pair::crooked(300, 240, built_for.disparities, true).map_err(text)?;
+    let mistaken = Pair {
+        rectification: other.rectification,
+        ..model::built_in_pair(&built_for)
+    };
+    let scenario = Scenario {
+        frames: 1,
+        until_ms: 100,
+        ..Scenario::default()
+    };
+    let ran = model::run(&program, &firmware, &mistaken, &scenario).map_err(text)?;
+    assert_eq!(logged(&ran, "the calibration is not used"), 1);
+    assert_eq!(ran.report.resets, [""; 0]);
+    Ok(())
 }
 
 /// Two whole frames, and between them one with a line that is too short.

@@ -238,6 +238,7 @@ pub fn run(program: &Path, firmware: &Path, pair: &Pair, scenario: &Scenario) ->
     let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
     let views = folder.path().join("views.bin");
     fs::write(&views, pair.lines()?).context("cannot write a temporary file")?;
+    let slot = folder.path().join("calibration.bin");
     let mut command = Command::new(program);
     command
         .arg(firmware)
@@ -248,6 +249,10 @@ pub fn run(program: &Path, firmware: &Path, pair: &Pair, scenario: &Scenario) ->
         .args(["--until-ms", &scenario.until_ms.to_string()])
         .stdin(Stdio::null())
         .stdout(Stdio::null());
+    if let Some(bytes) = &pair.rectification {
+        fs::write(&slot, bytes).context("cannot write a temporary file")?;
+        command.arg("--calibration").arg(&slot);
+    }
     for fault in &scenario.faults {
         command.args(["--fault", &fault.to_string()]);
     }

@@ -3,6 +3,7 @@
 //! of the session. A board has its pins, clocks and memory, and chooses the chip by a feature.
 #![no_std]
 
+pub mod calibration;
 pub mod camera;
 pub mod capture;
 pub mod clock;

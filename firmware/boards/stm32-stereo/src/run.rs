@@ -1,6 +1,7 @@
 //! The loop of a board's session, with its log.
 
 use embassy_stm32::usart::BufferedUart;
+use vgstereo_core::geometry::Rectifier;
 use vgstereo_core::{Kernels, Matcher};
 use vgstereo_firmware::camera::LinePairSource;
 use vgstereo_firmware::sink::serial::SerialSink;
@@ -9,14 +10,15 @@ use vgstereo_firmware::{Event, Session};
 use crate::clock;
 use crate::watchdog::Iwdg;
 
-/// Matches what the camera sends, for ever, and sends the disparities over the serial port. Logs
-/// each frame with its time and all counters, and each fault. `packet` holds a packet of a line and
-/// `lines` a line of each view.
+/// Matches what the camera sends, for ever, rectified first if there is a rectifier, and sends the
+/// disparities over the serial port. Logs each frame with its time and all counters, and each fault.
+/// `packet` holds a packet of a line and `lines` a line of each view.
 ///
 /// # Panics
-/// If camera, matcher and lines are not of one width.
+/// If camera, rectifier, matcher and lines do not suit each other.
 pub fn run<C: LinePairSource, K: Kernels>(
     camera: C,
+    rectifier: Option<&'static mut Rectifier<'static, 'static, K>>,
     matcher: Matcher<'static, K>,
     serial: BufferedUart<'static>,
     packet: &'static mut [u8],
@@ -24,7 +26,7 @@ pub fn run<C: LinePairSource, K: Kernels>(
     watchdog: Iwdg,
 ) -> ! {
     let sink = SerialSink::new(serial, packet);
-    let session = Session::with_watchdog(camera, matcher, sink, lines, watchdog);
+    let session = Session::rectifying(camera, rectifier, matcher, sink, lines, watchdog);
     let mut session = defmt::unwrap!(session);
     let mut begun = clock::now();
     loop {

@@ -12,13 +12,15 @@ use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, BufferedUart};
 use embassy_stm32::{bind_interrupts, dcmi, dma, gpio, i2c, pac, rcc};
 use panic_probe as _;
-use static_cell::ConstStaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
+use stm32_stereo::calibration::{self, RECTIFIER_BYTES};
 use stm32_stereo::camera::StereoCamera;
 use stm32_stereo::capture::{self, Capture, port_config};
 use stm32_stereo::rig::Rig;
 use stm32_stereo::run::run;
 use stm32_stereo::sensors::{Sensors, bus_config};
 use stm32_stereo::watchdog::Iwdg;
+use vgstereo_core::geometry::Rectifier;
 use vgstereo_core::{Config, DisparityRange, Matcher, Preset};
 use vgstereo_firmware::camera::{Geometry, Layout, PixelFormat};
 use vgstereo_firmware::session;
@@ -64,6 +66,10 @@ static RAW_LINES: ConstStaticCell<[u32; 2 * RIG.raw_words()]> =
     ConstStaticCell::new([0; 2 * RIG.raw_words()]);
 static RAW_LINE: ConstStaticCell<[u32; RIG.raw_words()]> =
     ConstStaticCell::new([0; RIG.raw_words()]);
+/// The rectifier, if there is a calibration, and its memory.
+static RECTIFIER: StaticCell<Rectifier<'static, 'static, Armv7em>> = StaticCell::new();
+static RECTIFIER_MEMORY: ConstStaticCell<[u32; RECTIFIER_BYTES / 4]> =
+    ConstStaticCell::new([0; RECTIFIER_BYTES / 4]);
 /// Memory of the sink: one packet.
 static PACKET: ConstStaticCell<[u8; packet_bytes(GEOMETRY.width, size_of::<i16>())]> =
     ConstStaticCell::new([0; packet_bytes(GEOMETRY.width, size_of::<i16>())]);
@@ -125,9 +131,13 @@ fn main() -> ! {
         serial,
     );
     let serial = defmt::unwrap!(serial);
+    let (slot, memory) = (calibration::slot(), RECTIFIER_MEMORY.take());
+    let rectifier = calibration::rectifier(slot, &RIG, CONFIG.width, Armv7em, memory);
+    let rectifier = rectifier.map(|rectifier| &mut *RECTIFIER.init(rectifier));
     let matcher = defmt::unwrap!(Matcher::new(&CONFIG, Armv7em, MATCHER.take()));
     run(
         camera,
+        rectifier,
         matcher,
         serial,
         PACKET.take(),

@@ -41,6 +41,9 @@ const STEP_NS: u64 = 5_000_000;
 const DRAIN_NS: u64 = 100_000_000;
 const MS: u64 = 1_000_000;
 
+/// Where the firmware looks for the rectification of its cameras: the last sector of flash.
+const CALIBRATION_SLOT: u64 = 0x081e_0000;
+
 /// The arguments of the command line.
 struct Arguments {
     elf: PathBuf,
@@ -51,6 +54,7 @@ struct Arguments {
     until_ns: u64,
     faults: BTreeMap<usize, (usize, fault::Kind)>,
     troubles: Troubles,
+    calibration: Option<PathBuf>,
 }
 
 impl Arguments {
@@ -65,6 +69,7 @@ impl Arguments {
             until_ns: u64::MAX,
             faults: BTreeMap::new(),
             troubles: Troubles::default(),
+            calibration: None,
         };
         let mut troubles = vec![];
         while let Ok(option) = next("") {
@@ -79,6 +84,7 @@ impl Arguments {
                     arguments.faults.insert(frame, fault);
                 }
                 "--trouble" => troubles.push(value),
+                "--calibration" => arguments.calibration = Some(value.into()),
                 _ => bail!("{option} is no option"),
             }
         }
@@ -172,7 +178,11 @@ fn main() -> Result<()> {
         troubles.clone(),
     );
     let board = Nucleo::new(port, &sensors, troubles)?;
-    let images = [Image::read(&arguments.elf, None).map_err(|error| anyhow!("{error}"))?];
+    let mut images = vec![Image::read(&arguments.elf, None).map_err(|error| anyhow!("{error}"))?];
+    if let Some(path) = &arguments.calibration {
+        let slot = Image::read(path, Some(CALIBRATION_SLOT));
+        images.push(slot.map_err(|error| anyhow!("{error}"))?);
+    }
     let probe = TcpListener::bind("127.0.0.1:0")?;
     let log = take_log(&probe)?;
     let mut start = Start::new(&images);

@@ -13,13 +13,15 @@ use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, BufferedUart};
 use embassy_stm32::{bind_interrupts, dcmi, dma, gpio, i2c, pac, rcc};
 use panic_probe as _;
-use static_cell::ConstStaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
+use stm32_stereo::calibration;
 use stm32_stereo::camera::StereoCamera;
 use stm32_stereo::capture::{self, Capture, port_config};
 use stm32_stereo::rig::Rig;
 use stm32_stereo::run::run;
 use stm32_stereo::sensors::{Sensors, bus_config};
 use stm32_stereo::watchdog::Iwdg;
+use vgstereo_core::geometry::Rectifier;
 use vgstereo_core::{Config, DisparityRange, Matcher, Preset};
 use vgstereo_firmware::camera::{Geometry, Layout, PixelFormat};
 use vgstereo_firmware::session;
@@ -64,6 +66,8 @@ bind_interrupts!(struct Interrupts {
 /// Memory of the session: one line of each view.
 static LINES: ConstStaticCell<[u32; session::memory_words(&GEOMETRY)]> =
     ConstStaticCell::new([0; session::memory_words(&GEOMETRY)]);
+/// The rectifier, if there is a calibration.
+static RECTIFIER: StaticCell<Rectifier<'static, 'static, Armv7em>> = StaticCell::new();
 /// Memory of the sink: one packet.
 static PACKET: ConstStaticCell<[u8; packet_bytes(GEOMETRY.width, size_of::<i16>())]> =
     ConstStaticCell::new([0; packet_bytes(GEOMETRY.width, size_of::<i16>())]);
@@ -82,7 +86,7 @@ fn main() -> ! {
     // SAFETY: the peripheral that `init` gives out is not used.
     let watchdog = Iwdg::start(unsafe { IWDG1::steal() }, pac::IWDG1, RIG.watchdog_us());
     let board = embassy_stm32::init(clocks());
-    let (matcher_memory, raw_lines) = memory::take();
+    let memories = memory::take();
 
     let mut sensor_clock = McoConfig::default();
     sensor_clock.prescaler = McoPrescaler::DIV1;
@@ -114,7 +118,7 @@ fn main() -> ! {
     );
     let trigger = gpio::Output::new(board.PD4, gpio::Level::Low, gpio::Speed::Low);
     let stream = pac::DMA1.st(0);
-    let capture = Capture::new(port, channel, stream, Interrupts, &RIG, raw_lines);
+    let capture = Capture::new(port, channel, stream, Interrupts, &RIG, memories.raw_lines);
     let camera = StereoCamera::new(RIG, sensors, capture, trigger, watchdog, RAW_LINE.take());
 
     let mut serial = usart::Config::default();
@@ -129,9 +133,13 @@ fn main() -> ! {
         serial,
     );
     let serial = defmt::unwrap!(serial);
-    let matcher = defmt::unwrap!(Matcher::new(&CONFIG, Armv7em, matcher_memory));
+    let (slot, memory) = (calibration::slot(), memories.rectifier);
+    let rectifier = calibration::rectifier(slot, &RIG, CONFIG.width, Armv7em, memory);
+    let rectifier = rectifier.map(|rectifier| &mut *RECTIFIER.init(rectifier));
+    let matcher = defmt::unwrap!(Matcher::new(&CONFIG, Armv7em, memories.matcher));
     run(
         camera,
+        rectifier,
         matcher,
         serial,
         PACKET.take(),

@@ -4,6 +4,7 @@ use cortex_m::asm::{dsb, isb};
 use cortex_m::peripheral::{MPU, Peripherals};
 use embassy_stm32::pac::RCC;
 use grounded::uninit::GroundedArrayCell;
+use stm32_stereo::calibration::RECTIFIER_BYTES;
 
 use crate::{CONFIG, RIG};
 
@@ -13,15 +14,24 @@ const RAW_LINES_WORDS: usize = 2 * RIG.raw_words();
 #[unsafe(export_name = "lent_memory")]
 #[unsafe(link_section = ".axisram")]
 static MATCHER: GroundedArrayCell<u32, { CONFIG.memory_words() }> = GroundedArrayCell::uninit();
+#[unsafe(link_section = ".axisram")]
+static RECTIFIER: GroundedArrayCell<u32, { RECTIFIER_BYTES / 4 }> = GroundedArrayCell::uninit();
 #[unsafe(link_section = ".sram1")]
 static RAW_LINES: GroundedArrayCell<u32, RAW_LINES_WORDS> = GroundedArrayCell::uninit();
 
-/// Enables the caches. Returns the matcher's memory, and that of the raw lines, which is not
-/// cached.
+/// The memories that are handed out.
+pub struct Memories {
+    pub matcher: &'static mut [u32],
+    pub rectifier: &'static mut [u32],
+    /// Not cached.
+    pub raw_lines: &'static mut [u32],
+}
+
+/// Enables the caches and returns the memories.
 ///
 /// # Panics
 /// If it is called more than once.
-pub fn take() -> (&'static mut [u32], &'static mut [u32]) {
+pub fn take() -> Memories {
     let mut core = defmt::unwrap!(Peripherals::take());
     // SRAM1 is off after a reset, and an access without its clock would be a bus fault.
     RCC.ahb2enr().modify(|enable| enable.set_sram1en(true));
@@ -30,10 +40,11 @@ pub fn take() -> (&'static mut [u32], &'static mut [u32]) {
     core.SCB.enable_dcache(&mut core.CPUID);
     // SAFETY: there is no other reference, because the core's peripherals can be taken only once.
     unsafe {
-        (
-            initialised(MATCHER.get_ptr_len()),
-            initialised(RAW_LINES.get_ptr_len()),
-        )
+        Memories {
+            matcher: initialised(MATCHER.get_ptr_len()),
+            rectifier: initialised(RECTIFIER.get_ptr_len()),
+            raw_lines: initialised(RAW_LINES.get_ptr_len()),
+        }
     }
 }
 

@@ -174,11 +174,6 @@ impl Run {
         format: DisparityFormat,
     ) -> Result<String> {
         ensure!(
-            pair.rectification.is_none(),
-            "--calibration: the firmware of {} has its calibration built in",
-            self.board.name
-        );
-        ensure!(
             self.scan.scan.is_none(),
             "--scan: the firmware of {} sends disparities",
             self.board.name

@@ -1,0 +1,83 @@
+//! The calibration slot: a sector of flash for the rectification of the board's cameras, which is
+//! written there by the debug probe, apart from the program.
+
+use vgstereo_core::Kernels;
+use vgstereo_core::geometry::{Rectification, Rectifier};
+
+use crate::rig::Rig;
+
+/// Bytes of the slot: a sector of flash.
+pub const SLOT_BYTES: usize = 128 * 1024;
+
+/// Bytes of the rectifier's memory: the lines that are kept of two views of 320 columns, with room for
+/// strongly distorted lenses.
+pub const RECTIFIER_BYTES: usize = 20 * 1024;
+
+/// Returns the bytes of the slot, which the linker script has named.
+#[must_use]
+pub fn slot() -> &'static [u8] {
+    unsafe extern "C" {
+        static _calibration: [u8; SLOT_BYTES];
+    }
+    // SAFETY: the linker places the symbol at a part of flash of that size, which the program does
+    // not write.
+    unsafe { &_calibration }
+}
+
+/// Builds the rectifier of what is in the slot, for lines of `rig` and a matcher of `width` columns.
+/// Logs what it found. Without a rectification that suits, lines are taken as they come.
+pub fn rectifier<K: Kernels>(
+    slot: &'static [u8],
+    rig: &Rig,
+    width: u16,
+    kernels: K,
+    memory: &'static mut [u32],
+) -> Option<Rectifier<'static, 'static, K>> {
+    if slot.starts_with(&[0xff; 4]) {
+        defmt::info!("no calibration: lines are taken as rectified ones");
+        return None;
+    }
+    let rectification = match Rectification::from_prefix(slot) {
+        Ok(rectification) => rectification,
+        Err(error) => {
+            defmt::error!("the calibration is not used: {}", error);
+            return None;
+        }
+    };
+    let raw = (rectification.raw_width, rectification.raw_height);
+    let geometry = rig.geometry;
+    if (raw.0, u32::from(raw.1)) != (geometry.width, geometry.height)
+        || rectification.width != width
+    {
+        defmt::error!(
+            "the calibration is not used: it leads from {}x{} to {} columns, not from {}x{} to {}",
+            raw.0,
+            raw.1,
+            rectification.width,
+            geometry.width,
+            geometry.height,
+            width
+        );
+        return None;
+    }
+    let kept = [
+        rectification.left.kept_lines(),
+        rectification.right.kept_lines(),
+    ];
+    let colour = !geometry.format.is_grey();
+    match Rectifier::new(rectification, colour, kernels, memory) {
+        Ok(rectifier) => {
+            defmt::info!("calibrated: {} and {} raw lines are kept", kept[0], kept[1]);
+            Some(rectifier)
+        }
+        Err(_) => {
+            defmt::error!(
+                "the calibration is not used: it keeps {} and {} raw lines, more than {} bytes",
+                kept[0],
+                kept[1],
+                RECTIFIER_BYTES
+            );
+            None
+        }
+    }
+}
