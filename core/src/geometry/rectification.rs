@@ -230,9 +230,16 @@ impl<'a> Rectification<'a> {
             return Err(RectificationError::Length);
         }
         let (_, maps) = content.split_at(HEADER_BYTES);
-        let (left, right) = maps.split_at(knot_bytes + interval_bytes);
-        let (left, left_intervals) = left.split_at(knot_bytes);
-        let (right, right_intervals) = right.split_at(knot_bytes);
+        // Not `split_at`, which panics where the compiler does not see that the lengths suit.
+        let Some((left, right)) = maps.split_at_checked(knot_bytes + interval_bytes) else {
+            return Err(RectificationError::Length);
+        };
+        let (Some((left, left_intervals)), Some((right, right_intervals))) = (
+            left.split_at_checked(knot_bytes),
+            right.split_at_checked(knot_bytes),
+        ) else {
+            return Err(RectificationError::Length);
+        };
         let left = ViewMap {
             knots: left,
             intervals: left_intervals,
