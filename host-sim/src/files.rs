@@ -24,8 +24,12 @@ pub fn without_temporary_files() -> MutexGuard<'static, ()> {
         .unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Largest number of bytes of a file of text: parameters, a scene's numbers, a calibration.
+/// Largest number of bytes of a calibration, which may have maps.
 pub const TEXT_BYTES_MAX: u64 = 1 << 24;
+
+/// Largest number of bytes of parameters, or of what a scene states in numbers: its reader takes up to
+/// 700 bytes of memory for each.
+pub const SETTINGS_BYTES_MAX: u64 = 1 << 20;
 
 /// Returns the bytes of a file that has at most `bytes_max`.
 ///
@@ -45,9 +49,9 @@ pub fn read_file(path: &Path, bytes_max: u64) -> Result<Vec<u8>> {
 ///
 /// # Errors
 /// Fails with one line that names the file and the reason: as [`read_file`] does with
-/// [`TEXT_BYTES_MAX`], or it is no text in UTF-8.
+/// [`SETTINGS_BYTES_MAX`], or it is no text in UTF-8.
 pub fn read_text(path: &Path) -> Result<String> {
-    let bytes = read_file(path, TEXT_BYTES_MAX)?;
+    let bytes = read_file(path, SETTINGS_BYTES_MAX)?;
     String::from_utf8(bytes)
         .map_err(|_| anyhow!("cannot read {}: it is no text in UTF-8", shown(path)))
 }

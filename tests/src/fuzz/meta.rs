@@ -9,7 +9,7 @@ pub fn run(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else {
         return;
     };
-    let bytes_max = (1 << 16) + 512 * bytes.len() as u64;
+    let bytes_max = (1 << 16) + 1024 * bytes.len() as u64;
     let read = within_memory(bytes_max, || Meta::parse(text, NAME));
     let Some(meta) = accepted(read, NAME) else {
         return;
