@@ -109,10 +109,10 @@
 //! A matcher does not rectify: its lines must be epipolar lines already, as a
 //! [`Rectifier`](geometry::Rectifier) makes them, but for an offset of up to one line between the
 //! views, which the SGM branch learns and corrects. The core does not calibrate cameras: a
-//! [`Rectification`](geometry::Rectification) comes from elsewhere. It uses no floating point but for
-//! drawing the synapses when a matcher is built, and for the angles of a scan when that is. It does not read cameras: the crate
-//! `vgstereo-firmware` does, and hands their bytes over as [`Line`]s; the conversions of pixel
-//! formats are kernels.
+//! [`Rectification`](geometry::Rectification) comes from elsewhere. It uses no floating point but
+//! for drawing the synapses when a matcher is built, and for the angles of a scan when that is. It
+//! does not read cameras: the crate `vgstereo-firmware` does, and hands their bytes over as
+//! [`Line`]s; the conversions of pixel formats are kernels.
 //!
 //! # Features
 //!

@@ -2,15 +2,15 @@
 //! rendered scenes.
 //!
 //! From the bottom up: [`escapes`] makes names printable; [`files`], [`images`], [`pfm`],
-//! [`disparity_files`], [`depth_files`], [`scan_files`] and [`parameters`] read
-//! and write files. [`mod@calibration`] makes rectifications from calibration files.
-//! [`scene`] and [`views`] hold stereo pairs, [`mod@rectify`] rectifies them, [`dataset`] loads them, [`render`] makes one, and
+//! [`disparity_files`], [`depth_files`], [`scan_files`] and [`parameters`] read and write files.
+//! [`mod@calibration`] makes rectifications from calibration files. [`scene`] and [`views`] hold
+//! stereo pairs, [`mod@rectify`] rectifies them, [`dataset`] loads them, [`render`] makes one, and
 //! [`exposure`] and [`line_offset`] let the right camera differ from the left. [`camera`] and
-//! [`sink`] are the two ends of a firmware's session. [`mod@frame`] matches whole frames with the kernels of
-//! `vgstereo-kernels`, and [`pair_check`] tells what is wrong with a pair. [`metrics`] measures disparities
-//! against ground truth, [`pictures`] shows them, [`published`] has results to compare with, and
-//! [`prepared`] joins a scene with its matching and measuring. [`arguments`], [`cameras`], [`tables`] and
-//! [`terminal`] serve the [`commands`] of `vgstereo`.
+//! [`sink`] are the two ends of a firmware's session. [`mod@frame`] matches whole frames with the
+//! kernels of `vgstereo-kernels`, and [`pair_check`] tells what is wrong with a pair. [`metrics`]
+//! measures disparities against ground truth, [`pictures`] shows them, [`published`] has results to
+//! compare with, and [`prepared`] joins a scene with its matching and measuring. [`arguments`],
+//! [`cameras`], [`tables`] and [`terminal`] serve the [`commands`] of `vgstereo`.
 
 pub mod arguments;
 pub mod calibration;

@@ -111,7 +111,8 @@ impl<'m> RecallRefiner<'m> {
     }
 
     /// Takes a row of candidate planes, px, with the recalled disparities in plane 0, and the
-    /// columns of it and the positions of the other view's row that the cameras saw. Returns whether this completes a line, which is then [`RecallRefiner::line_q4`].
+    /// columns of it and the positions of the other view's row that the cameras saw. Returns
+    /// whether this completes a line, which is then [`RecallRefiner::line_q4`].
     pub fn push(&mut self, mut candidates_px: &[i16], valid: [Range<usize>; 2]) -> bool {
         for (runs, run) in self.valid.iter_mut().zip(valid) {
             runs.push(run);

@@ -8,9 +8,10 @@ use crate::rows::{Found, fill_outside};
 /// A row of selected disparities, to be checked.
 ///
 /// The left-right check rejects a pixel that its camera did not see, and one whose match lies
-/// outside of what the other camera saw or has another best disparity itself. A pixel whose margin is too small (uniqueness), or whose surroundings
-/// have too little texture, is in doubt. Texture is the sum of the absolute steps from pixel to
-/// pixel along the line, over the pixels at most `reach` away.
+/// outside of what the other camera saw or has another best disparity itself. A pixel whose margin
+/// is too small (uniqueness), or whose surroundings have too little texture, is in doubt. Texture
+/// is the sum of the absolute steps from pixel to pixel along the line, over the pixels at most
+/// `reach` away.
 #[derive(Debug, Clone)]
 pub struct RowCheck<'a> {
     /// [`AggregateRow::best`](crate::kernel::AggregateRow::best).

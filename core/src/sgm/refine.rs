@@ -155,7 +155,8 @@ impl<'m, K: Kernels> SgmRefiner<'m, K> {
     }
 
     /// Takes a row as [`RowCheck::write`](super::RowCheck::write) writes it, in stored order, and
-    /// the positions of it and of the other view's row that the cameras saw. `channels` are the reference view's, with all lines that
+    /// the positions of it and of the other view's row that the cameras saw. `channels` are the
+    /// reference view's, with all lines that
     /// [`SgmPlan::refinement_view`](super::SgmPlan::refinement_view) keeps. Returns whether this
     /// completes a line, which is then [`SgmRefiner::line_q4`].
     pub fn push(

@@ -22,8 +22,8 @@ use vgstereo_sim::scene::Scene;
 
 use crate::board::Board;
 
-/// A pair of images, rectified or with its rectification, with the pixel format in which a board's camera sends it and the
-/// disparities that the board searches.
+/// A pair of images, rectified or with its rectification, with the pixel format in which a board's
+/// camera sends it and the disparities that the board searches.
 #[derive(Debug, Clone)]
 pub struct Pair {
     /// The name in tables.

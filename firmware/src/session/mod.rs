@@ -98,13 +98,13 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
     }
 
     /// Returns a session as [`Session::with_watchdog`] does whose camera is not rectified: its raw
-    /// lines go through `rectifier`, if there is one, and the matcher gets the rectified ones. It is lent,
-    /// so that a session is not larger where there is none. A raw pair may complete none, one or several lines of disparities; all of a frame have come with its last
-    /// pair.
+    /// lines go through `rectifier`, if there is one, and the matcher gets the rectified ones. It is
+    /// lent, so that a session is not larger where there is none. A raw pair may complete none, one
+    /// or several lines of disparities; all of a frame have come with its last pair.
     ///
     /// # Errors
-    /// [`SessionError`] when the rectification does not suit the camera or the matcher, when the camera's
-    /// geometry does not suit the matcher, or the lent memory is too small.
+    /// [`SessionError`] when the rectification does not suit the camera or the matcher, when the
+    /// camera's geometry does not suit the matcher, or the lent memory is too small.
     pub fn rectifying(
         camera: C,
         mut rectifier: Option<&'m mut Rectifier<'m, 'm, K>>,

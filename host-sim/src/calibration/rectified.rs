@@ -8,8 +8,9 @@ use super::camera::Camera;
 use super::lens::TANGENT_MAX;
 use super::stereo::StereoCalibration;
 
-/// Tangent of the largest angle from the axis to a border that [`Keep::Valid`] gives, 60 degrees. A plane view of
-/// a fisheye's whole field would have its pixels at the borders and hardly any in the middle.
+/// Tangent of the largest angle from the axis to a border that [`Keep::Valid`] gives, 60 degrees. A
+/// plane view of a fisheye's whole field would have its pixels at the borders and hardly any in the
+/// middle.
 const VALID_TANGENT_MAX: f64 = 1.732;
 
 /// Which part of the scene the rectified views show.
@@ -17,7 +18,8 @@ const VALID_TANGENT_MAX: f64 = 1.732;
 pub enum Keep {
     /// All that the cameras see, with pixels at the borders that no camera saw.
     All,
-    /// No pixel, or hardly any, that a camera did not see, and at most 60 degrees from the axis to a border.
+    /// No pixel, or hardly any, that a camera did not see, and at most 60 degrees from the axis to
+    /// a border.
     Valid,
     /// The part of the views as they would be otherwise that begins at this column and line and has this
     /// width and height, px.
@@ -195,8 +197,8 @@ impl RectifiedPair {
         self.principal_px[1].x - self.principal_px[0].x
     }
 
-    /// The tangents, in the rectified view, of what the raw camera of a view, 0 or 1, sees at a pixel; `None`
-    /// beyond 85 degrees from either axis.
+    /// The tangents, in the rectified view, of what the raw camera of a view, 0 or 1, sees at a
+    /// pixel; `None` beyond 85 degrees from either axis.
     #[must_use]
     pub fn rectified_ray(&self, view: usize, pixel: DVec2) -> Option<DVec2> {
         let ray = self.cameras[view].ray(pixel)?;
@@ -205,9 +207,9 @@ impl RectifiedPair {
         (turned.z > 0.0 && tangents.length() <= TANGENT_MAX).then_some(tangents)
     }
 
-    /// Chooses focal length and principal points. The middle of the corners of both raw views comes to the
-    /// middle of the views, and the scale is the largest at which the views show all of 9 by 9 points of the
-    /// raw views, or the smallest at which they show nothing beyond these.
+    /// Chooses focal length and principal points. The middle of the corners of both raw views comes
+    /// to the middle of the views, and the scale is the largest at which the views show all of 9 by
+    /// 9 points of the raw views, or the smallest at which they show nothing beyond these.
     fn frame(&mut self, all: bool) -> Result<()> {
         let [raw_width, raw_height] = self.raw_size.map(f64::from);
         let [width, height] = self.size.map(f64::from);

@@ -43,8 +43,8 @@ const DEFAULT_D_MAX: u16 = 63;
     \x20                    --unit mm --out disparity.png --depth depth.png"
 )]
 pub struct Match {
-    /// Left image, rectified unless --calibration is given: PNG, JPEG, TIFF, WebP, BMP, PGM or PPM, in colour or grey; - reads
-    /// standard input.
+    /// Left image, rectified unless --calibration is given: PNG, JPEG, TIFF, WebP, BMP, PGM or PPM,
+    /// in colour or grey; - reads standard input.
     left: PathBuf,
     /// Right image, of the same size; where one of the two is grey, grey is matched.
     right: PathBuf,

@@ -33,8 +33,8 @@ const GEOMETRY: Geometry = Geometry {
     height: 240,
     format: PixelFormat::Grey8,
 };
-/// Size, order and timing of the lines that the cameras send. The period of a line is what the matcher needs for one, with flash's wait
-/// states; the serial port needs less.
+/// Size, order and timing of the lines that the cameras send. The period of a line is what the
+/// matcher needs for one, with flash's wait states; the serial port needs less.
 const RIG: Rig = Rig {
     geometry: GEOMETRY,
     layout: Layout::PixelMultiplexed { phase: 0 },

@@ -34,8 +34,8 @@ const GEOMETRY: Geometry = Geometry {
     height: 240,
     format: PixelFormat::Grey8,
 };
-/// Size, order and timing of the lines that the cameras send. The period of a line is the time that the serial port and the matcher,
-/// side by side, have for one line.
+/// Size, order and timing of the lines that the cameras send. The period of a line is the time that
+/// the serial port and the matcher, side by side, have for one line.
 const RIG: Rig = Rig {
     geometry: GEOMETRY,
     layout: Layout::PixelMultiplexed { phase: 0 },
