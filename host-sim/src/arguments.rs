@@ -176,8 +176,8 @@ pub struct ScanOptions {
         allow_hyphen_values = true
     )]
     scan_heights: [i16; 2],
-    /// How far the camera looks down, degrees; the scan is level [default: 0, or that of the built-in
-    /// scene].
+    /// Pitch of the camera, degrees: the angle of its optical axis below the horizon. Ranges and heights
+    /// are level [default: 0, or that of the built-in scene].
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     scan_pitch: Option<f32>,
     /// Ranges beyond this do not count, mm.

@@ -5,7 +5,9 @@ use std::path::Path;
 use anyhow::{Result, bail};
 use image::{ImageFormat, Rgb, RgbImage};
 use serde::Serialize;
-use vgstereo_core::geometry::Scan;
+use vgstereo_core::DisparityRange;
+use vgstereo_core::disparity::px_to_q4;
+use vgstereo_core::geometry::{Depth, Scan};
 
 use crate::escapes::shown;
 use crate::files::encode;
@@ -39,15 +41,21 @@ impl ScanFormat {
         }
     }
 
-    /// Returns the bytes of a file with a scan. `range_min_mm` is the smallest range that could have
-    /// been seen.
+    /// Returns the bytes of a file with a scan, made of disparities in this range by this conversion:
+    /// the smallest range that could have been seen is the depth of the largest, straight ahead.
     ///
     /// # Errors
     /// Fails when the file cannot be encoded.
-    pub fn encode(self, scan: &Scan<'_>, range_min_mm: u16) -> Result<Vec<u8>> {
+    pub fn encode(
+        self,
+        scan: &Scan<'_>,
+        depth: &Depth,
+        disparities: DisparityRange,
+    ) -> Result<Vec<u8>> {
         match self {
             Self::Yaml => {
-                let message = LaserScanMessage::new(scan, range_min_mm);
+                let last_px = i16::try_from(disparities.range_px().end - 1)?;
+                let message = LaserScanMessage::new(scan, depth.mm(px_to_q4(last_px)));
                 Ok(serde_saphyr::to_string(&message)?.into_bytes())
             }
             Self::Png => encode(&plan(scan).into(), ImageFormat::Png),
@@ -151,6 +159,13 @@ mod tests {
         range_max_mm: 9000,
     };
 
+    /// 6 m at a disparity of 1 px, and 250 mm at 24 px.
+    fn encoded(format: ScanFormat) -> Vec<u8> {
+        let depth = Depth::new(100 * 60 * 256, 0).unwrap();
+        let disparities = DisparityRange::up_to(24);
+        format.encode(&SCAN, &depth, disparities).unwrap()
+    }
+
     #[derive(serde::Deserialize)]
     struct Fields {
         angle_min: f32,
@@ -163,7 +178,7 @@ mod tests {
 
     #[test]
     fn yaml_has_the_fields_of_a_laser_scan() {
-        let yaml = ScanFormat::Yaml.encode(&SCAN, 250).unwrap();
+        let yaml = encoded(ScanFormat::Yaml);
         let yaml = String::from_utf8(yaml).unwrap();
         let fields: Fields = serde_saphyr::from_str(&yaml).unwrap();
         assert_eq!((fields.angle_min, fields.angle_max), (-0.5, 0.5));
@@ -176,7 +191,7 @@ mod tests {
 
     #[test]
     fn the_plan_view_has_the_camera_at_the_bottom_and_left_on_the_left() {
-        let png = ScanFormat::Png.encode(&SCAN, 0).unwrap();
+        let png = encoded(ScanFormat::Png);
         let image = image::load_from_memory(&png).unwrap().into_rgb8();
         assert_eq!(image.dimensions(), (PLAN_PX, PLAN_PX));
         // 2 m to the right at -0.5 rad and 1 m to the left at 0.5 rad, at 2200 mm for 512 px.

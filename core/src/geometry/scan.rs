@@ -11,7 +11,7 @@ use crate::rows::{Arena, OutOfMemory, words};
 /// Steps of 1/256 px in one of 1/16 px.
 const Q8_PER_Q4: i64 = 256 / STEPS_PER_PX as i64;
 
-/// What a [`LaserScan`] looks at.
+/// Configuration of a [`LaserScan`]: the camera, the bearings, and which pixels count.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScanConfig {
     /// The camera whose pixels have the disparities.
@@ -20,8 +20,8 @@ pub struct ScanConfig {
     pub columns: Range<u16>,
     /// Number of bearings, at equal angles over those columns; 1 to their number.
     pub bearings: u16,
-    /// How far the camera looks down, rad, from -1.4 to 1.4; negative when it looks up. Ranges and
-    /// heights are those of a level plane.
+    /// Pitch of the camera, rad, from -1.4 to 1.4: the angle of its optical axis below the horizon,
+    /// negative above it. Ranges and heights are those of a level plane.
     pub pitch_rad: f32,
     /// Heights that count, relative to the camera, mm, above it positive.
     pub heights_mm: RangeInclusive<i16>,
@@ -103,7 +103,7 @@ pub struct LaserScan<'m> {
     is_finished: bool,
 }
 
-/// What a frame showed at each bearing.
+/// The laser scan of a frame: a range in mm for each bearing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scan<'a> {
     /// The range at each bearing, mm, in ascending order of bearings, that is from right to left; 0

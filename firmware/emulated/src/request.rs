@@ -38,7 +38,7 @@ pub struct ScanRequest {
     pub principal_q8: [i32; 2],
     /// Number of bearings.
     pub bearings: u16,
-    /// How far the camera looks down, µrad.
+    /// Pitch of the camera, µrad: the angle of its optical axis below the horizon.
     pub pitch_urad: i32,
     /// Lowest and highest height that counts, mm.
     pub heights_mm: [i16; 2],
@@ -66,7 +66,8 @@ impl ScanRequest {
         }
     }
 
-    /// What the scan looks at in views of `width` columns; `None` if there is no such camera.
+    /// The configuration of the scan for views of `width` columns; `None` if a number of the camera is
+    /// out of its range.
     #[must_use]
     pub fn config(&self, width: u16) -> Option<ScanConfig> {
         let (numerator_q8, offset_q8) = self.depth;

@@ -67,9 +67,10 @@ impl<T, S: ConvertedSink<T> + ?Sized> ConvertedSink<T> for &mut S {
     }
 }
 
-/// What lines of disparities can be converted by: [`Depth`] makes depths, [`RectifiedCamera`] points.
+/// A conversion of lines of disparities, pixel by pixel: [`Depth`] makes depths in mm,
+/// [`RectifiedCamera`] makes [`Point`]s in mm.
 pub trait Conversion {
-    /// What a disparity becomes.
+    /// Type of the values that disparities are converted to: `u16` in mm, or [`Point`].
     type Value;
 
     /// Writes what the disparities of a line become; if there are more of them than values, of the

@@ -8,7 +8,6 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use image::ImageFormat;
-use vgstereo_core::disparity::px_to_q4;
 use vgstereo_core::geometry::{Depth, LaserScan, Rectification, RectifiedCamera};
 use vgstereo_core::{Config, DisparityRange, Preset, Reference};
 use vgstereo_kernels::NativeKernels;
@@ -274,10 +273,10 @@ impl Match {
         }
         if let Some((path, format, depth, scan)) = &mut scan {
             matched.lines(width).for_each(|line| scan.push(&line));
-            // The nearest that the search reaches, straight ahead.
-            let last_px = i16::try_from(disparities.range_px().end - 1)?;
-            let range_min_mm = depth.mm(px_to_q4(last_px));
-            files.push((path.as_path(), format.encode(&scan.finish(), range_min_mm)?));
+            files.push((
+                path.as_path(),
+                format.encode(&scan.finish(), depth, disparities)?,
+            ));
         }
         for (view, path) in pictures.iter().enumerate() {
             let picture = views.picture(view)?;

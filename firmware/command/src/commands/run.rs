@@ -5,7 +5,6 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use vgstereo_core::disparity::px_to_q4;
 use vgstereo_core::geometry::{LaserScan, Rectification, Scan, ScanConfig};
 use vgstereo_core::{DisparityRange, Preset, Reference};
 use vgstereo_emulated::request::ScanRequest;
@@ -139,10 +138,9 @@ impl Run {
         let last_q4 = last_q4.with_context(|| format!("{} gave no frame", self.board.name))?;
         let mut files = vec![(self.out.as_path(), format.encode(last_q4, width)?)];
         if let Some((path, format, config)) = &scan {
-            let last_px = i16::try_from(pair.disparities.range_px().end - 1)?;
-            let range_min_mm = config.camera.depth().mm(px_to_q4(last_px));
-            let last = LastScan::of(&frames, config)?;
-            files.push((path.as_path(), format.encode(&last.scan(), range_min_mm)?));
+            let (last, depth) = (LastScan::of(&frames, config)?, config.camera.depth());
+            let bytes = format.encode(&last.scan(), &depth, pair.disparities)?;
+            files.push((path.as_path(), bytes));
         }
         write_files(&files)?;
         let mut text = format!(
