@@ -416,7 +416,7 @@ impl<'a> ViewMap<'a> {
                 last_column
             };
             let knots = [self.knot(cell, y), self.knot(cell + 1, y)];
-            let [_, (first_position, step)] = cell_positions(knots, shift);
+            let [_, (first_position, step)] = cell_positions(&knots, shift);
             let place = (1 << shift) - 1;
             let bits = sixteenth_shift(shift) + 4;
             let from = (first_position + step * (x & place) as i32) >> bits;

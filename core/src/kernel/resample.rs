@@ -67,22 +67,22 @@ pub fn resample_row(row: &ResampleRow<'_>, output: &mut [u8]) {
 pub fn for_each_cell(
     row: &ResampleRow<'_>,
     output: &mut [u8],
-    mut write: impl FnMut([[i32; 2]; 2], &mut [u8]),
+    mut write: impl FnMut(&[[i32; 2]; 2], &mut [u8]),
 ) {
     let step = 1 << row.step_shift;
-    let mut cells = row.knots.windows(2);
+    let mut cells = row.knots.array_windows();
     for pixels in output.chunks_mut(step) {
-        let Some(&[start, end]) = cells.next() else {
+        let Some(knots) = cells.next() else {
             pixels.fill(0);
             continue;
         };
-        write([start, end], pixels);
+        write(knots, pixels);
     }
 }
 
 /// Writes the pixels between two knots, as [`resample_row`] does.
 #[inline(always)]
-pub fn resample_cell(row: &ResampleRow<'_>, knots: [[i32; 2]; 2], pixels: &mut [u8]) {
+pub fn resample_cell(row: &ResampleRow<'_>, knots: &[[i32; 2]; 2], pixels: &mut [u8]) {
     match row.interpolation {
         Interpolation::Bilinear => {
             write_cell(row, knots, pixels, |position| bilinear(row, position))
@@ -95,7 +95,7 @@ pub fn resample_cell(row: &ResampleRow<'_>, knots: [[i32; 2]; 2], pixels: &mut [
 #[inline(always)]
 fn write_cell(
     row: &ResampleRow<'_>,
-    knots: [[i32; 2]; 2],
+    knots: &[[i32; 2]; 2],
     pixels: &mut [u8],
     level: impl Fn([i32; 2]) -> u8,
 ) {
@@ -120,8 +120,8 @@ pub const fn sixteenth_shift(step_shift: u32) -> u32 {
 /// of 1/16 px added, so that cutting off the bits below 1/16 px rounds to nearest.
 #[inline(always)]
 #[must_use]
-pub const fn cell_positions(knots: [[i32; 2]; 2], step_shift: u32) -> [(i32, i32); 2] {
-    let [[start_x, start_y], [end_x, end_y]] = knots;
+pub const fn cell_positions(knots: &[[i32; 2]; 2], step_shift: u32) -> [(i32, i32); 2] {
+    let &[[start_x, start_y], [end_x, end_y]] = knots;
     let half = 1 << (sixteenth_shift(step_shift) - 1);
     [
         ((start_x << step_shift) + half, end_x - start_x),
