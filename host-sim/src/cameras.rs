@@ -19,14 +19,15 @@ pub struct Cameras {
 }
 
 impl Cameras {
-    /// Reads the files of `--calibration`, for images of this size.
+    /// Reads the files of `--calibration`, for images of this size, px; `None`: of that which the files
+    /// state.
     ///
     /// # Errors
     /// Fails with one line that names the file or option and the reason.
     pub fn read(
         files: &[PathBuf],
         views: &RectifiedViews,
-        (width, height): (u32, u32),
+        size: Option<(u32, u32)>,
     ) -> Result<Self> {
         let files = read_all(files)?;
         match files.as_slice() {
@@ -49,8 +50,11 @@ impl Cameras {
                 })
             }
             files => {
-                let size = [u16::try_from(width)?, u16::try_from(height)?];
-                let made = rectify(files, &views.options(Some(size))?)?;
+                let size = match size {
+                    Some((width, height)) => Some([u16::try_from(width)?, u16::try_from(height)?]),
+                    None => None,
+                };
+                let made = rectify(files, &views.options(size)?)?;
                 Ok(Self {
                     rectification: Some(made.maps.bytes),
                     warnings: made.calibration.warnings,

@@ -233,6 +233,19 @@ impl Pair {
         }))
     }
 
+    /// Returns width and height of the views that are matched, px: those of the images, or of what they
+    /// are rectified to.
+    ///
+    /// # Errors
+    /// Fails when the bytes of the rectification are none.
+    pub fn matched_size(&self) -> Result<(u32, u32)> {
+        let Some(bytes) = &self.rectification else {
+            return Ok(self.left.dimensions());
+        };
+        let rectification = Rectification::from_bytes(bytes)?;
+        Ok((rectification.width.into(), rectification.height.into()))
+    }
+
     /// Returns width, height and number of disparities as text, such as `160x120x32`.
     #[must_use]
     pub fn size(&self) -> String {

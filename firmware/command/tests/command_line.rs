@@ -58,6 +58,30 @@ fn what_is_wrong_is_said_on_one_line() {
             "stm32f405, mps2-an500",
         ),
         (refusal(&["flash"]), "flash"),
+        (refusal(&["verify", "--left", "left.png"]), "--right"),
+        (
+            refusal(&["verify", "--calibration", "never.yaml"]),
+            "never.yaml",
+        ),
+        (
+            refusal(&["bench", "--calibration", "never.yaml"]),
+            "never.yaml",
+        ),
+        (refusal(&["bench", "--binned", "2"]), "--calibration"),
+        (
+            refusal(&[
+                "run",
+                "--board",
+                "stm32f405",
+                "--out",
+                "never.png",
+                "--scene",
+                "teddy",
+                "--calibration",
+                "never.yaml",
+            ]),
+            "--scene",
+        ),
         (
             refusal(&["bench", "--board", "stm32h743"]),
             "stm32h743 is a real board and not emulated",

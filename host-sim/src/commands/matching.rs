@@ -199,7 +199,7 @@ impl Match {
         // What can be refused is, before anything is decoded.
         let left = ImageFile::open(&self.left)?;
         let right = ImageFile::open(&self.right)?;
-        let cameras = Cameras::read(&self.calibration, &self.views, left.dimensions())?;
+        let cameras = Cameras::read(&self.calibration, &self.views, Some(left.dimensions()))?;
         let rectification = cameras.rectification.as_deref();
         let rectification = rectification.map(Rectification::from_bytes).transpose()?;
         let (width, height) = match &rectification {

@@ -1,6 +1,6 @@
 //! `cargo firmware bench`: instructions, RAM and flash that matching takes on emulated boards.
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use clap::Args;
 use rayon::prelude::*;
 use serde::{Serialize, Serializer};
@@ -11,6 +11,7 @@ use vgstereo_emulated::request::HAMMING_CELLS;
 use vgstereo_sim::tables::{kib, table};
 use vgstereo_sim::terminal::progress_bar;
 
+use super::images::Images;
 use super::selection::EmulatedSelection;
 use crate::board::{Board, MPS2_AN500, RISCV_VIRT, RISCV_VIRT_ZBB, STM32F405};
 use crate::build::build;
@@ -51,12 +52,19 @@ const _: () = assert!(HAMMING_CELLS == 64);
     cycles; every run gives the same numbers. The counter is read before and after each call of a \
     kernel: the stages sum to the total. The rows hamming-64 are of that stage alone: distances \
     of 64-bit patterns, without masks and levels, within the pipeline of lite. Frames per second = clock in Hz x instructions per \
-    cycle / (instructions per pixel and disparity x width x height x disparities)."
+    cycle / (instructions per pixel and disparity x width x height x disparities).\n\nWith images or a \
+    calibration, that pair alone, in grey, with every preset that fits a board's memory.\n\nExample: \
+    cargo firmware bench --board stm32f405 --calibration cal.yaml --binned 2"
 )]
 pub struct Bench {
     /// Print JSON.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    images: Images,
+    /// Number of disparities to search in these images, px.
+    #[arg(long, value_name = "N", default_value_t = 32)]
+    disparities: u16,
     #[command(flatten)]
     selection: EmulatedSelection,
 }
@@ -64,6 +72,8 @@ pub struct Bench {
 /// Cost of matching views of one size with one preset on a board: instructions, RAM and flash.
 #[derive(Debug, Clone, Serialize)]
 pub struct Row {
+    /// The name of the pair.
+    pub scene: String,
     /// The name of the board.
     pub board: &'static str,
     /// The name of the preset, or [`HAMMING`].
@@ -107,37 +117,26 @@ impl Bench {
     /// # Errors
     /// Fails with one line that says what is missing or fails.
     pub fn run(self) -> Result<String> {
+        let given = self.images.pair(self.disparities)?;
         let boards = self.selection.boards();
         ensure_complete(&boards)?;
         let mut cases = Vec::new();
-        for &board in &boards {
+        for board in boards {
             let firmware = build(&board)?;
-            for &(of, width, height, disparities, presets) in &CASES {
-                if of == board {
-                    let pair = Pair::rendered(width, height, disparities);
-                    let presets = presets.iter().map(|&preset| (preset, false));
-                    for (preset, hamming_alone) in presets.chain([(Preset::Lite, true)]) {
-                        let request = Request {
-                            hamming_alone,
-                            ..pair.request(preset, 1, &[])?
-                        };
-                        cases.push((board, firmware.clone(), pair.clone(), request));
-                    }
-                }
-            }
-        }
-        let (board, width, height, disparities, preset) = SPECIAL;
-        if boards.contains(&board) {
-            let pair = Pair::rendered(width.into(), height.into(), disparities);
-            let request = Request {
-                scan: pair.scan(),
-                ..pair.request(preset, 1, &[])?
+            let tasks = match &given {
+                Some(pair) => fitting(pair, Sizes::read(&firmware)?.lent_bytes)?,
+                None => built_in(&board)?,
             };
-            cases.push((board, build(&board)?, pair, request));
-            let pair = Pair::crooked(width, height, disparities, false)?;
-            let request = pair.request(preset, 1, &[])?;
-            cases.push((board, build(&board)?, pair, request));
+            cases.extend(
+                tasks
+                    .into_iter()
+                    .map(|(pair, request)| (board, firmware.clone(), pair, request)),
+            );
         }
+        ensure!(
+            !cases.is_empty(),
+            "no preset fits the memory of these boards with this pair"
+        );
         let bar = progress_bar(cases.len() as u64, "counting instructions");
         let rows: Result<Vec<Row>> = cases
             .into_par_iter()
@@ -145,7 +144,7 @@ impl Bench {
                 let clock = Clock::Instructions;
                 let (_, report) = emulator::run(&board, &firmware, &pair, &request, clock)?;
                 let sizes = Sizes::read(&firmware)?;
-                let (width, height) = pair.left.dimensions();
+                let (width, height) = pair.matched_size()?;
                 let disparities = pair.disparities.count;
                 let all = f64::from(width) * f64::from(height) * f64::from(disparities);
                 let stages: Vec<_> = Stage::ALL
@@ -160,6 +159,7 @@ impl Bench {
                 let each = |instructions: u64| thousandths(instructions as f64 / all);
                 bar.inc(1);
                 Ok(Row {
+                    scene: pair.name,
                     board: board.name,
                     preset: match request.hamming_alone {
                         true => HAMMING,
@@ -187,7 +187,50 @@ impl Bench {
     }
 }
 
-/// Instructions per pixel of the resampling of both views, in the case that has it.
+/// What the built-in cases of a board are matched with: those of [`CASES`] and [`SPECIAL`].
+fn built_in(board: &Board) -> Result<Vec<(Pair, Request)>> {
+    let mut tasks = Vec::new();
+    for &(of, width, height, disparities, presets) in &CASES {
+        if of == *board {
+            let pair = Pair::rendered(width, height, disparities);
+            let presets = presets.iter().map(|&preset| (preset, false));
+            for (preset, hamming_alone) in presets.chain([(Preset::Lite, true)]) {
+                let request = Request {
+                    hamming_alone,
+                    ..pair.request(preset, 1, &[])?
+                };
+                tasks.push((pair.clone(), request));
+            }
+        }
+    }
+    let (of, width, height, disparities, preset) = SPECIAL;
+    if of == *board {
+        let pair = Pair::rendered(width.into(), height.into(), disparities);
+        let request = Request {
+            scan: pair.scan(),
+            ..pair.request(preset, 1, &[])?
+        };
+        tasks.push((pair, request));
+        let pair = Pair::crooked(width, height, disparities, false)?;
+        let request = pair.request(preset, 1, &[])?;
+        tasks.push((pair, request));
+    }
+    Ok(tasks)
+}
+
+/// A pair with every preset for which this memory, bytes, is large enough.
+fn fitting(pair: &Pair, lent_bytes: usize) -> Result<Vec<(Pair, Request)>> {
+    let mut tasks = Vec::new();
+    for preset in Preset::ALL {
+        let request = pair.request(preset, 1, &[])?;
+        if request.working_bytes() <= lent_bytes {
+            tasks.push((pair.clone(), request));
+        }
+    }
+    Ok(tasks)
+}
+
+/// Instructions per pixel of the resampling of both views, in the first case that has it.
 fn per_pixel(rows: &[Row]) -> String {
     let row = rows.iter().find(|row| row.is_rectified);
     let each = row.and_then(|row| {
@@ -250,9 +293,10 @@ fn as_text(rows: &[Row]) -> String {
         table.add_row(cells);
     }
     format!(
-        "{table}\ninstructions (not cycles) per pixel and disparity, in all and per stage; built-in scene, grey; \
+        "{table}\ninstructions (not cycles) per pixel and disparity, in all and per stage; {}, grey; \
          scan: with a laser scan of 60 bearings; raw: lines that are rectified first, {} instructions per \
          pixel for resampling both views\n",
+        rows.first().map_or("", |row| row.scene.as_str()),
         per_pixel(rows)
     )
 }

@@ -12,6 +12,7 @@ use crate::toolchain::{ModelCompiler, ensure_complete, install, needs};
 use selection::Selection;
 
 pub mod bench;
+pub mod images;
 pub mod run;
 pub mod selection;
 pub mod size;
@@ -37,9 +38,9 @@ enum Verb {
     /// Run a board on a pair of images and write its disparity map.
     Run(Box<run::Run>),
     /// Compare boards with the host, byte for byte, with every preset that fits.
-    Verify(verify::Verify),
+    Verify(Box<verify::Verify>),
     /// Count instructions per pixel and disparity, in all and per stage.
-    Bench(bench::Bench),
+    Bench(Box<bench::Bench>),
     /// Show the bytes of flash and RAM that the firmware takes.
     Size(size::Size),
 }

@@ -5,18 +5,17 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use vgstereo_core::geometry::{LaserScan, Rectification, Scan, ScanConfig};
-use vgstereo_core::{DisparityRange, Preset, Reference};
+use vgstereo_core::geometry::{LaserScan, Scan, ScanConfig};
+use vgstereo_core::{DisparityRange, Preset};
 use vgstereo_emulated::request::ScanRequest;
 use vgstereo_firmware::camera::PixelFormat;
 use vgstereo_firmware::scripted::{NotAFault, ScriptedFault};
-use vgstereo_sim::arguments::{RectifiedViews, ScanOptions, parse_preset};
-use vgstereo_sim::cameras::Cameras;
+use vgstereo_sim::arguments::{ScanOptions, parse_preset};
 use vgstereo_sim::disparity_files::DisparityFormat;
 use vgstereo_sim::files::{ensure_distinct_outputs, write_files};
-use vgstereo_sim::images::{ImageFile, ViewImages};
 use vgstereo_sim::scan_files::ScanFormat;
 
+use super::images::Images;
 use super::selection::parse_executed_board;
 use crate::board::{Board, Model};
 use crate::build::build;
@@ -42,23 +41,13 @@ pub struct Run {
     /// The board: stm32f405, mps2-an500, riscv-virt, riscv-virt-zbb or stm32h743.
     #[arg(long, value_name = "B", value_parser = parse_executed_board)]
     board: Board,
-    /// Left image: PNG, PPM, PGM or JPEG, rectified unless --calibration is given.
-    #[arg(long, value_name = "FILE", requires = "right")]
-    left: Option<PathBuf>,
-    /// Right image, of the same size.
-    #[arg(long, value_name = "FILE", requires = "left")]
-    right: Option<PathBuf>,
-    /// Calibration of the cameras, as for `vgstereo match`: the images are raw, and the board
-    /// rectifies them.
-    #[arg(long, value_name = "FILE", num_args = 1.., requires = "left")]
-    calibration: Vec<PathBuf>,
     #[command(flatten)]
-    views: RectifiedViews,
+    images: Images,
     #[command(flatten)]
     scan: ScanOptions,
     /// Folder of a scene, as `vgstereo eval` reads them. A small board gets the scene in grey
     /// and half as large.
-    #[arg(long, value_name = "DIR", conflicts_with = "left")]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["left", "calibration"])]
     scene: Option<PathBuf>,
     /// Preset; `vgstereo presets` lists them.
     #[arg(long, value_name = "P", default_value_t = Preset::Lite, value_parser = parse_preset)]
@@ -234,31 +223,13 @@ impl Run {
         if let Some(folder) = &self.scene {
             return Pair::load(folder, &self.board);
         }
-        let (Some(left), Some(right)) = (&self.left, &self.right) else {
-            return Ok(self.board.model.map_or_else(
-                || Pair::rendered(160, 120, DEFAULT_DISPARITIES),
-                |built_for| model::built_in_pair(&built_for),
-            ));
-        };
-        let (left_file, right_file) = (ImageFile::open(left)?, ImageFile::open(right)?);
-        let cameras = Cameras::read(&self.calibration, &self.views, left_file.dimensions())?;
-        let views = ViewImages::decode(&left_file, &right_file, None)?;
-        let camera = match &cameras.rectification {
-            Some(bytes) => Rectification::from_bytes(bytes)?.camera(Reference::Left),
-            None => None,
-        };
-        Ok(Pair {
-            camera: camera.map(|camera| (camera, None)),
-            rectification: cameras.rectification,
-            name: left.display().to_string(),
-            left: views.left,
-            right: views.right,
-            format: PixelFormat::Grey8,
-            disparities: self.board.model.map_or(
-                DisparityRange::up_to(DEFAULT_DISPARITIES - 1),
-                |built_for| DisparityRange::up_to(built_for.disparities - 1),
-            ),
-        })
+        let model = self.board.model;
+        let disparities = model.map_or(DEFAULT_DISPARITIES, |built_for| built_for.disparities);
+        let pair = self.images.pair(disparities)?;
+        Ok(pair.unwrap_or_else(|| match &model {
+            Some(built_for) => model::built_in_pair(built_for),
+            None => Pair::rendered(160, 120, disparities),
+        }))
     }
 }
 

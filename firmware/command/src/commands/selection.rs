@@ -47,6 +47,12 @@ pub struct ExecutedSelection {
 }
 
 impl ExecutedSelection {
+    /// Whether one board was named.
+    #[must_use]
+    pub const fn is_one(&self) -> bool {
+        self.board.is_some()
+    }
+
     /// Returns the board that was named, or else all emulated boards, and the modelled ones if
     /// their models can be built.
     #[must_use]

@@ -10,6 +10,7 @@ use vgstereo_emulated::Request;
 use vgstereo_sim::tables::table;
 use vgstereo_sim::terminal::progress_bar;
 
+use super::images::Images;
 use super::selection::ExecutedSelection;
 use crate::board::Board;
 use crate::build::build;
@@ -31,12 +32,20 @@ const SCENES: [&str; 4] = ["tsukuba", "venus", "teddy", "cones"];
     variable MIDDLEBURY_DIR names their folder, on Tsukuba, Venus, Teddy and Cones: \
     in grey and half as large on a small board, whole and in colour on the others.\n\nThe real \
     board runs the firmware that is flashed on a model of its chip: one frame of the built-in \
-    scene. It is left out where the model cannot be built, unless it is named."
+    scene. It is left out where the model cannot be built, unless it is named.\n\nWith images or \
+    a calibration, that pair alone, in grey: on the emulated boards, and on the real one if it is \
+    named.\n\nExample: cargo firmware verify --board stm32f405 --left left.png --right right.png \
+    --calibration cal.yaml"
 )]
 pub struct Verify {
     /// Only the first N lines of each pair: all of the firmware runs, in less time.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     lines: Option<u32>,
+    #[command(flatten)]
+    images: Images,
+    /// Number of disparities to search in these images, px.
+    #[arg(long, value_name = "N", default_value_t = 32)]
+    disparities: u16,
     #[command(flatten)]
     selection: ExecutedSelection,
 }
@@ -56,7 +65,11 @@ impl Verify {
     /// Fails with one line that names the first case in which board and host differ, or what
     /// is missing.
     pub fn run(self) -> Result<String> {
-        let boards = self.selection.boards();
+        let given = self.images.pair(self.disparities)?;
+        let mut boards = self.selection.boards();
+        if given.is_some() && !self.selection.is_one() {
+            boards.retain(|board| board.emulation.is_some());
+        }
         ensure_complete(&boards)?;
         let (emulated, modelled): (Vec<_>, Vec<_>) = boards
             .into_iter()
@@ -66,7 +79,14 @@ impl Verify {
         for board in emulated {
             let firmware = build(&board)?;
             let lent_bytes = Sizes::read(&firmware)?.lent_bytes;
-            for pair in self.pairs(&board, folder.as_deref())? {
+            let mut pairs = match &given {
+                Some(pair) => vec![pair.clone()],
+                None => built_in(&board, folder.as_deref())?,
+            };
+            if let Some(lines) = self.lines {
+                pairs.iter_mut().for_each(|pair| pair.cut(lines));
+            }
+            for pair in pairs {
                 for preset in Preset::ALL {
                     let request = pair.request(preset, 1, &[])?;
                     let scanning = Request {
@@ -87,6 +107,10 @@ impl Verify {
                 }
             }
         }
+        ensure!(
+            !cases.is_empty() || !modelled.is_empty(),
+            "no preset fits the memory of these boards with this pair"
+        );
         let bar = progress_bar(cases.len() as u64, "boards against the host");
         let compared: Result<Vec<()>> = cases
             .par_iter()
@@ -114,53 +138,49 @@ impl Verify {
             }
         }
         for board in modelled {
-            table.add_row(compare_modelled(&board)?);
+            table.add_row(compare_modelled(&board, given.as_ref())?);
         }
         let note = match folder {
+            _ if given.is_some() => "",
             Some(_) => "",
             None => "MIDDLEBURY_DIR is not set: the built-in scene alone\n",
         };
         Ok(format!("{table}\n{note}"))
     }
-
-    /// Returns the pairs that a board is verified on: two sizes of the built-in scene, and the
-    /// scenes in `folder` if there is one.
-    fn pairs(&self, board: &Board, folder: Option<&Path>) -> Result<Vec<Pair>> {
-        let mut pairs = vec![
-            Pair::rendered(160, 120, 32),
-            Pair::rendered(320, 240, 48),
-            Pair::crooked(160, 120, 32, true)?,
-        ];
-        for scene in SCENES {
-            if let Some(folder) = folder {
-                pairs.push(Pair::load(&folder.join(scene), board)?);
-            }
-        }
-        if let Some(lines) = self.lines {
-            for pair in &mut pairs {
-                pair.cut(lines);
-            }
-        }
-        Ok(pairs)
-    }
 }
 
-/// Runs a real board's firmware on the model of its chip until a frame has come, compares that with
-/// the host's, and returns the row of the table.
+/// Returns the pairs that a board is verified on unless others are named: two sizes of the built-in
+/// scene, one taken for raw lines, and the scenes in `folder` if there is one.
+fn built_in(board: &Board, folder: Option<&Path>) -> Result<Vec<Pair>> {
+    let mut pairs = vec![
+        Pair::rendered(160, 120, 32),
+        Pair::rendered(320, 240, 48),
+        Pair::crooked(160, 120, 32, true)?,
+    ];
+    for scene in SCENES {
+        if let Some(folder) = folder {
+            pairs.push(Pair::load(&folder.join(scene), board)?);
+        }
+    }
+    Ok(pairs)
+}
+
+/// Runs a real board's firmware on the model of its chip until a frame of this pair, or of the built-in
+/// one, has come, compares that with the host's, and returns the row of the table.
 ///
 /// # Errors
 /// Fails with one line that says what differs, or what the chip refused.
-fn compare_modelled(board: &Board) -> Result<[String; 4]> {
-    let (program, firmware) = (model::build(board)?, build(board)?);
+fn compare_modelled(board: &Board, pair: Option<&Pair>) -> Result<[String; 4]> {
     let built_for = board.model.context("the board has a model")?;
-    let pair = model::built_in_pair(&built_for);
+    let pair = pair.map_or_else(|| model::built_in_pair(&built_for), Pair::clone);
+    let expected = model::expected(&built_for, &pair)?;
+    let (program, firmware) = (model::build(board)?, build(board)?);
     let scenario = Scenario {
         frames: 1,
         until_ms: 10_000,
         ..Scenario::default()
     };
     let ran = model::run(&program, &firmware, &pair, &scenario)?;
-    let expected = model::expected(&built_for, &pair)?;
     let whole = ran.frames.iter().find(|frame| frame.is_whole);
     let whole = whole.with_context(|| format!("{}: no frame: {:?}", board.name, ran.log))?;
     ensure!(
