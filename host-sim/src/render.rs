@@ -15,6 +15,7 @@ mod furniture;
 mod geometry;
 mod grid;
 mod noise;
+mod squares;
 mod texture;
 mod truth;
 mod vector;
@@ -34,6 +35,7 @@ use crate::scene::Scene;
 pub use camera::RenderedCameras;
 use courtyard::{Courtyard, Side};
 use distorted::Lookup;
+pub use texture::{SQUARE_MM, SQUARES};
 use truth::ground_truth;
 
 /// The smallest width and height of a rendered image, px; smaller ones are raised to it.
@@ -158,14 +160,84 @@ pub fn render_distorted(options: &RenderOptions) -> Result<(Scene, StereoCalibra
     Ok((scene, calibration))
 }
 
+/// The pictures by which the cameras of [`render_distorted`] are calibrated: a board of [`SQUARES`] squares
+/// in many poses before the built-in scene, and the calibration that is true.
+#[derive(Debug)]
+pub struct BoardPictures {
+    options: RenderOptions,
+    /// The calibration of [`render_distorted`] with the same options.
+    pub calibration: StereoCalibration,
+}
+
+impl BoardPictures {
+    /// Returns the pictures for cameras of these options.
+    ///
+    /// # Errors
+    /// Fails as [`render_distorted`] does.
+    pub fn new(options: &RenderOptions) -> Result<Self> {
+        let (yard, width, height, _) = courtyard(options, 0.0);
+        let size = [u16::try_from(width)?, u16::try_from(height)?];
+        Ok(Self {
+            options: *options,
+            calibration: distorted::calibration(&yard.rig(), size)?,
+        })
+    }
+
+    /// Renders the left and the right picture of a pose, whose board is whole in both.
+    ///
+    /// # Errors
+    /// Fails when the cameras see no pose whole.
+    pub fn render(&self, pose: u32) -> Result<[RgbImage; 2]> {
+        let options = &self.options;
+        let (mut yard, width, height, _) = courtyard(options, distorted::MARGIN_WIDTHS);
+        let size = [u16::try_from(width)?, u16::try_from(height)?];
+        let left = Lookup::new(&self.calibration, size, 0)?;
+        let right = Lookup::new(&self.calibration, size, 1)?;
+        let baseline = yard.rig().baseline_mm / 1000.0;
+        yard.add(squares::board(
+            yard.left(),
+            left.pair(),
+            baseline,
+            options.seed,
+            pose,
+        )?);
+        Ok(views(
+            &yard,
+            options,
+            [Some(&left), Some(&right)],
+            width,
+            height,
+        ))
+    }
+}
+
 fn scene(
+    yard: &Courtyard,
+    options: &RenderOptions,
+    lookups: [Option<&Lookup>; 2],
+    width: u32,
+    height: u32,
+    d_max: u16,
+) -> Scene {
+    let [left, right] = views(yard, options, lookups, width, height);
+    Scene {
+        name: "courtyard".to_owned(),
+        left,
+        right,
+        bits: None,
+        d_max,
+        truth: Some(ground_truth(yard, width, height)),
+    }
+}
+
+/// Returns the left and the right view.
+fn views(
     yard: &Courtyard,
     options: &RenderOptions,
     [left_lookup, right_lookup]: [Option<&Lookup>; 2],
     width: u32,
     height: u32,
-    d_max: u16,
-) -> Scene {
+) -> [RgbImage; 2] {
     let noise = finite(options.noise, RenderOptions::default().noise).max(0.0);
     let left = Sensor {
         exposure: Exposure::EQUAL,
@@ -189,14 +261,10 @@ fn scene(
         lookup: right_lookup,
         ..left
     };
-    Scene {
-        name: "courtyard".to_owned(),
-        left: view(yard, Side::Left, &left, width, height),
-        right: view(yard, Side::Right, &right, width, height),
-        bits: None,
-        d_max,
-        truth: Some(ground_truth(yard, width, height)),
-    }
+    [
+        view(yard, Side::Left, &left, width, height),
+        view(yard, Side::Right, &right, width, height),
+    ]
 }
 
 /// Returns the image of one camera. Its lines are rendered in parallel.

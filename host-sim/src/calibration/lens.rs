@@ -164,10 +164,18 @@ impl Lens {
     /// within reach does.
     #[must_use]
     pub fn undistort(&self, place: DVec2) -> Option<DVec2> {
+        // Few halvings do for most rays, and take a third of the time.
+        let mut halvings = [16, 60].into_iter();
+        halvings.find_map(|halvings| self.undistort_from(place, halvings))
+    }
+
+    /// Returns the ray of [`Lens::undistort`] if Newton's method finds it from where so many halvings of
+    /// the range lead.
+    fn undistort_from(&self, place: DVec2, halvings: u32) -> Option<DVec2> {
         // The radial part alone rises up to the reach, and is inverted by halving the range.
         let distance = place.length();
         let (mut low, mut high) = (0.0, self.reach);
-        for _ in 0..60 {
+        for _ in 0..halvings {
             let middle = 0.5 * (low + high);
             if self.radius(middle) < distance {
                 low = middle;
@@ -180,7 +188,7 @@ impl Lens {
         } else {
             place
         };
-        // The tangential part is small: Newton's method takes it away.
+        // What is left, and the tangential part, are small: Newton's method takes them away.
         for _ in 0..20 {
             let error = self.distort(ray) - place;
             if error.length() < 1e-12 {

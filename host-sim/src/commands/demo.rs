@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow, ensure};
-use clap::{Args, ValueEnum};
+use clap::{Args, ValueEnum, value_parser};
 use image::ImageFormat;
 use vgstereo_core::geometry::{Interpolation, Rectification, Rectifier};
 use vgstereo_core::{Config, DisparityRange, Matcher, Preset, STEPS_PER_PX};
@@ -14,6 +14,7 @@ use vgstereo_firmware::camera::{Layout, LinePairSource, PixelFormat};
 use vgstereo_firmware::{NoWatchdog, Session, session};
 use vgstereo_kernels::NativeKernels;
 
+use super::board::write_board;
 use crate::calibration::{Maps, RectifiedPair, StereoCalibration};
 use crate::camera::SimulatedCamera;
 use crate::dataset::save_scene;
@@ -69,6 +70,14 @@ pub struct Demo {
     /// --distort also the calibration, for `eval --calibrated`.
     #[arg(long, value_name = "DIR")]
     scene: Option<PathBuf>,
+    /// Only write pictures to calibrate the cameras of --distort by: a board of 10 by 7 squares of 40 mm in
+    /// many poses, and left.yaml and right.yaml with the true calibration, to this folder.
+    #[arg(long, value_name = "DIR", conflicts_with = "scene")]
+    board: Option<PathBuf>,
+    /// Number of poses of the board, 1 to 99.
+    #[arg(long, value_name = "N", default_value_t = 20, requires = "board",
+        value_parser = value_parser!(u32).range(1..=99))]
+    poses: u32,
     /// How the two sensors share the wire.
     #[arg(long, value_enum, default_value_t = Wire::Separate)]
     layout: Wire,
@@ -158,7 +167,6 @@ impl Demo {
             "--gain must be a number above 0 on every line, --gain-gradient, --offset and \
              --offset-gradient any numbers"
         );
-        make_folder(&self.out)?;
         let options = RenderOptions {
             width: self.width,
             height: self.height,
@@ -169,6 +177,10 @@ impl Demo {
             line_offset_px: self.line_offset.px,
             ..RenderOptions::default()
         };
+        if let Some(folder) = &self.board {
+            return write_board(folder, &options, self.poses);
+        }
+        make_folder(&self.out)?;
         let (scene, calibration) = if self.distort {
             let (scene, calibration) = render_distorted(&options)?;
             (scene, Some(calibration))

@@ -7,6 +7,7 @@ use clap_complete::Shell;
 use crate::terminal::Said;
 
 pub mod ablate;
+mod board;
 pub mod calibration;
 pub mod demo;
 pub mod eval;

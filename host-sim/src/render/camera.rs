@@ -48,8 +48,13 @@ impl Camera {
         let v = (y_px - self.centre_y_px) / self.focal_px;
         Ray {
             origin: self.position,
-            direction: vec3(u, 0.0, 0.0) + self.down * v + self.forward,
+            direction: self.direction([u, v, 1.0]),
         }
+    }
+
+    /// Returns a direction that runs along the columns, the lines and the optical axis by these lengths.
+    pub(super) fn direction(&self, [x, y, z]: [f64; 3]) -> Vec3 {
+        vec3(x, 0.0, 0.0) + self.down * y + self.forward * z
     }
 
     /// Returns the principal point, column and line, px.
@@ -93,7 +98,7 @@ pub struct RenderedCameras {
     pub principal_px: [f64; 2],
     /// The distance between them, mm.
     pub baseline_mm: f64,
-    /// How far they look down, rad.
+    /// The angle of their optical axes below the horizon, rad.
     pub pitch_rad: f64,
 }
 

@@ -102,44 +102,54 @@ impl Courtyard {
                     .bound()
                     .is_some_and(|(centre, radius)| cameras[0].depth(centre) - radius >= NEAREST)
         });
-        let tiles = cameras.map(|camera| {
-            let side = f64::from(TILE_PX);
-            // At least a tile: rays of anti-aliasing leave the image by less than 1 px.
-            let margin = margin_px.div_ceil(TILE_PX).max(1);
-            let tiles = |px: u32| (px.div_ceil(TILE_PX) + 2 * margin) as usize;
-            let start = -f64::from(margin) * side;
-            let mut grid = Grid::new(start, start, side, tiles(width_px), tiles(height_px));
-            let everywhere = [start, f64::MAX, start, f64::MAX];
-            for (index, object) in (0u16..).zip(&objects) {
-                let extent = object
-                    .bound()
-                    .and_then(|(centre, radius)| camera.extent(centre, radius))
-                    .unwrap_or(everywhere);
-                grid.insert(index, extent);
-            }
-            grid
-        });
+        let side = f64::from(TILE_PX);
+        // At least a tile: rays of anti-aliasing leave the image by less than 1 px.
+        let margin = margin_px.div_ceil(TILE_PX).max(1);
+        let tiles = |px: u32| (px.div_ceil(TILE_PX) + 2 * margin) as usize;
+        let start = -f64::from(margin) * side;
+        let tiles = || Grid::new(start, start, side, tiles(width_px), tiles(height_px));
         let sun = vec3(-0.55, 0.95, -0.80).unit();
-        let side = sun.cross(vec3(0.0, 1.0, 0.0)).unit();
-        let sun_across = [side, side.cross(sun)];
-        let mut shadows = Grid::new(-8.0, -8.0, 0.125, 128, 128);
-        for (index, object) in (0u16..).zip(&objects) {
-            if let Some((centre, radius)) = object.bound() {
-                let [x, y] = sun_across.map(|axis| centre.dot(axis));
-                shadows.insert(index, [x - radius, x + radius, y - radius, y + radius]);
-            }
-        }
-        Self {
-            objects,
+        let across = sun.cross(vec3(0.0, 1.0, 0.0)).unit();
+        let mut yard = Self {
+            objects: Vec::new(),
             cameras,
-            tiles,
+            tiles: [tiles(), tiles()],
             disparity_metres,
             sun,
-            sun_across,
-            shadows,
+            sun_across: [across, across.cross(sun)],
+            shadows: Grid::new(-8.0, -8.0, 0.125, 128, 128),
             seed,
             texture,
+        };
+        for object in objects {
+            yard.add(object);
         }
+        yard
+    }
+
+    /// Adds an object.
+    pub(super) fn add(&mut self, object: Object) {
+        // There are some thousand objects.
+        let index = self.objects.len() as u16;
+        let bound = object.bound();
+        for (tiles, camera) in self.tiles.iter_mut().zip(&self.cameras) {
+            let extent = bound.and_then(|(centre, radius)| camera.extent(centre, radius));
+            tiles.insert(
+                index,
+                extent.unwrap_or([f64::MIN, f64::MAX, f64::MIN, f64::MAX]),
+            );
+        }
+        if let Some((centre, radius)) = bound {
+            let [x, y] = self.sun_across.map(|axis| centre.dot(axis));
+            let extent = [x - radius, x + radius, y - radius, y + radius];
+            self.shadows.insert(index, extent);
+        }
+        self.objects.push(object);
+    }
+
+    /// Returns the left camera.
+    pub(super) const fn left(&self) -> &Camera {
+        &self.cameras[0]
     }
 
     /// Returns where the point of a left pixel is, seen from the left camera as if it were level: to the

@@ -83,6 +83,11 @@ impl Lookup {
         Ok(Self { pair, view })
     }
 
+    /// The raw cameras and the rectified ones.
+    pub(super) const fn pair(&self) -> &RectifiedPair {
+        &self.pair
+    }
+
     /// The point of the rectified view that a point of the raw view shows; `None` where the lens does not
     /// reach.
     pub(super) fn rectified_px(&self, x_px: f64, y_px: f64) -> Option<[f64; 2]> {

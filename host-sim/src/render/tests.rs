@@ -423,3 +423,45 @@ fn distorted_views_are_rectified_to_the_plain_ones() {
         assert!(seen > 240 * 180 * 97 / 100, "view {view}: {seen}");
     }
 }
+
+/// What is lighter than in the scene without the board is the white of the board: its shadow is darker.
+#[test]
+fn boards_are_whole_in_both_pictures_and_go_about_in_them() {
+    let options = RenderOptions {
+        width: 160,
+        height: 120,
+        d_max: 16,
+        noise: 0.0,
+        ..RenderOptions::default()
+    };
+    let (empty, calibration) = render_distorted(&options).unwrap();
+    let pictures = BoardPictures::new(&options).unwrap();
+    assert_eq!(pictures.calibration.cameras, calibration.cameras);
+    let mut middles = Vec::new();
+    for pose in 0..18 {
+        let views = pictures.render(pose).unwrap();
+        for (view, empty) in views.iter().zip([&empty.left, &empty.right]) {
+            let white: Vec<[u32; 2]> = view
+                .enumerate_pixels()
+                .filter(|&(x, y, pixel)| {
+                    let lighter = |channel: usize| {
+                        pixel[channel] > empty.get_pixel(x, y)[channel].saturating_add(30)
+                    };
+                    (0..3).all(lighter)
+                })
+                .map(|(x, y, _)| [x, y])
+                .collect();
+            assert!(white.len() > 30, "pose {pose}: {} px", white.len());
+            let mean =
+                |axis: usize| white.iter().map(|at| at[axis]).sum::<u32>() / white.len() as u32;
+            middles.push([mean(0), mean(1)]);
+            let inside = |&[x, y]: &[u32; 2]| (2..158).contains(&x) && (2..118).contains(&y);
+            assert!(white.iter().all(inside), "pose {pose}");
+        }
+    }
+    for (axis, least) in [(0, 40), (1, 20)] {
+        let places = middles.iter().map(|middle| middle[axis]);
+        let span = places.clone().max().unwrap() - places.min().unwrap();
+        assert!(span >= least, "axis {axis}: {span} px");
+    }
+}

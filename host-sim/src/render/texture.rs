@@ -9,6 +9,13 @@ use super::noise::{
 };
 use super::vector::Vec3;
 
+/// Squares of the board of squares, along its long and its short side.
+pub const SQUARES: [u32; 2] = [10, 7];
+/// The side of a square, mm.
+pub const SQUARE_MM: u32 = 40;
+/// The side of a square, m.
+pub(super) const SQUARE: f64 = SQUARE_MM as f64 / 1000.0;
+
 /// Red, green and blue as they are displayed, each 0 to 1.
 pub(super) type Colour = [f64; 3];
 
@@ -39,6 +46,8 @@ pub(super) enum Material {
     Stick,
     /// A leaf, cut out of its sheet.
     Leaf,
+    /// A board of black and white squares with a white border.
+    Squares,
 }
 
 /// A place on a surface.
@@ -125,6 +134,7 @@ pub(super) fn colour(material: Material, place: &Place, seed: u32) -> Colour {
             scale([0.44, 0.33, 0.23], 1.0 + 0.4 * grain)
         }
         Material::Leaf => leaf(place, seed),
+        Material::Squares => squares(place),
     }
 }
 
@@ -143,7 +153,31 @@ pub(super) fn paint(material: Material) -> Colour {
         Material::Bamboo => [0.69, 0.64, 0.34],
         Material::Stick => [0.44, 0.33, 0.23],
         Material::Leaf => [0.37, 0.51, 0.18],
+        Material::Squares => blend(INK, PAPER, 0.5),
     }
+}
+
+/// The black and the white of the board of squares. Even in the sun, white is not clipped, which would
+/// move the edges.
+const INK: Colour = [0.10; 3];
+const PAPER: Colour = [0.66; 3];
+
+fn squares(place: &Place) -> Colour {
+    // 1 and -1 in alternating squares along a side, with a step between; and whether there are any.
+    let side = |at: f64, count: u32| {
+        let reach = 0.5 * f64::from(count) * SQUARE;
+        let (index, _) = split((at + reach) / SQUARE);
+        let lines = (1..count).map(|line| (at + reach - f64::from(line) * SQUARE).abs());
+        let nearest = lines.fold(f64::INFINITY, f64::min);
+        let step = edge(0.0, nearest, place.pixel) * 2.0 - 1.0;
+        let inside = edge(0.0, reach - at.abs(), place.pixel);
+        (if index & 1 == 0 { step } else { -step }, inside)
+    };
+    let [columns, rows] = SQUARES;
+    let (column, within_columns) = side(place.u, columns);
+    let (row, within_rows) = side(place.v, rows);
+    let ink = (0.5 + 0.5 * column * row) * within_columns * within_rows;
+    blend(PAPER, INK, ink)
 }
 
 fn wall(place: &Place, seed: u32) -> Colour {
