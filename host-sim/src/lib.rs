@@ -2,7 +2,8 @@
 //! rendered scenes.
 //!
 //! From the bottom up: [`escapes`] makes names printable; [`files`], [`images`], [`pfm`],
-//! [`disparity_files`], [`depth_files`], [`scan_files`] and [`parameters`] read and write files.
+//! [`disparity_files`], [`depth_files`], [`point_files`], [`scan_files`] and [`parameters`] read and
+//! write files.
 //! [`mod@calibration`] makes rectifications from calibration files. [`scene`] and [`views`] hold
 //! stereo pairs, [`mod@rectify`] rectifies them, [`dataset`] loads them, [`render`] makes one, and
 //! [`exposure`] and [`line_offset`] let the right camera differ from the left. [`camera`] and
@@ -31,6 +32,7 @@ pub mod pair_check;
 pub mod parameters;
 pub mod pfm;
 pub mod pictures;
+pub mod point_files;
 pub mod prepared;
 pub mod published;
 pub mod rectify;

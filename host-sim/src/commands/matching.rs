@@ -1,5 +1,5 @@
 //! `vgstereo match`: matches a pair of images, rectified before or by a calibration, and writes maps
-//! of disparity and depth.
+//! of disparity and depth, points and scans.
 
 use std::fmt::Write;
 use std::num::NonZeroUsize;
@@ -24,6 +24,7 @@ use crate::frame::match_frame;
 use crate::images::{ImageFile, ViewImages, bits_note, parse_bits};
 use crate::pair_check::hints;
 use crate::pictures::colour_disparities;
+use crate::point_files::PointFormat;
 use crate::rectify::rectified;
 use crate::scan_files::ScanFormat;
 use crate::tables::{kib, milliseconds};
@@ -39,7 +40,9 @@ const DEFAULT_D_MAX: u16 = 63;
     after_help = "Left column x matches right column x - d. The map is of the reference view.\n\n\
     A rectified pair:    vgstereo match left.png right.png --out disparity.png --d-max 59 --colour colour.png\n\
     Two cameras as are:  vgstereo match left.png right.png --calibration intrinsics.yml extrinsics.yml \\\n\
-    \x20                    --unit mm --out disparity.png --depth depth.png"
+    \x20                    --unit mm --out disparity.png --depth depth.png\n\
+    A cloud of points:   vgstereo match left.png right.png --focal 700 --baseline 60 \\\n\
+    \x20                    --out disparity.png --points cloud.ply"
 )]
 pub struct Match {
     /// Left image, rectified unless --calibration is given: PNG, JPEG, TIFF, WebP, BMP, PGM or PPM,
@@ -81,6 +84,12 @@ pub struct Match {
     /// needs --calibration, or --focal and --baseline.
     #[arg(long, value_name = "FILE")]
     depth: Option<PathBuf>,
+    /// Also write the cloud of points that the reference view shows: .ply or .pcd, binary, in
+    /// metres, x right, y down, z forward, up to 32 m to the sides and 65 m away. Each pixel has a
+    /// point, row by row, NaN = none, with its colour and confidence; needs the cameras' numbers as
+    /// --depth does.
+    #[arg(long, value_name = "FILE")]
+    points: Option<PathBuf>,
     /// Also write the confidence of each disparity, as PNG: 1 to 255, 0 where it was filled in or there
     /// is none.
     #[arg(long, value_name = "FILE")]
@@ -178,7 +187,13 @@ impl Match {
             pictures.flat_map(|folder| ["left.png", "right.png"].map(|n| folder.join(n)));
         let pictures: Vec<PathBuf> = pictures.collect();
         let mut outputs = vec![self.out.as_path()];
-        let others = [&self.colour, &self.depth, &self.confidence, &self.scan.scan];
+        let others = [
+            &self.colour,
+            &self.depth,
+            &self.points,
+            &self.confidence,
+            &self.scan.scan,
+        ];
         outputs.extend(
             others
                 .into_iter()
@@ -191,7 +206,7 @@ impl Match {
             paths.retain(|path| *path != standard);
         }
         ensure_distinct_outputs(&inputs, &outputs)
-            .context("--out, --colour, --depth, --confidence, --scan, --rectified")?;
+            .context("--out, --colour, --depth, --points, --confidence, --scan, --rectified")?;
         ensure!(
             self.left != standard || self.right != standard,
             "standard input has one image: give the other by its name"
@@ -215,16 +230,23 @@ impl Match {
             }
             None => None,
         };
+        let camera = |option| {
+            let size = [width.into(), height];
+            self.camera(option, rectification.as_ref(), &cameras.warnings, size)
+        };
+        let points = match &self.points {
+            Some(path) => Some((path, PointFormat::choose(path)?, camera("--points")?)),
+            None => None,
+        };
         let mut scan_memory = Vec::new();
         let mut scan = match &self.scan.scan {
             Some(path) => {
                 let format = ScanFormat::choose(path)?;
-                let depth = self.depth("--scan", rectification.as_ref(), &cameras.warnings)?;
-                let camera = self.camera(rectification.as_ref(), depth, [width.into(), height])?;
+                let camera = camera("--scan")?;
                 let config = self.scan.config(camera, width, None);
                 scan_memory.resize(LaserScan::words(config.bearings, config.lines_min), 0);
                 let scan = LaserScan::new(&config, &mut scan_memory).context("--scan")?;
-                Some((path, format, depth, scan))
+                Some((path, format, camera.depth(), scan))
             }
             None => None,
         };
@@ -264,6 +286,12 @@ impl Match {
         }
         if let Some((path, format, depth)) = &depth {
             files.push((path.as_path(), format.encode(map, width, depth)?));
+        }
+        if let Some((path, format, camera)) = &points {
+            let reference = usize::from(config.reference == Reference::Right);
+            let colours = views.picture(reference)?;
+            let bytes = format.encode(matched.lines(width), &colours, camera)?;
+            files.push((path.as_path(), bytes));
         }
         if let Some(path) = self.confidence.as_deref() {
             let meaning = "1 to 255, 0 = filled in or none".to_owned();
@@ -326,6 +354,9 @@ impl Match {
         if let Some((path, format, _)) = &depth {
             writeln!(text, "wrote {}: {}", shown(path), format.meaning())?;
         }
+        if let Some((path, format, _)) = &points {
+            writeln!(text, "wrote {}: {}", shown(path), format.meaning())?;
+        }
         let others = [&self.colour, &self.confidence, &self.scan.scan];
         let others = others.into_iter().flatten();
         for path in others.chain(&pictures) {
@@ -368,13 +399,15 @@ impl Match {
         })
     }
 
-    /// Returns the camera of the reference view, which is of this size, px.
+    /// Returns the camera of the reference view, which is of this size, px, for this option.
     fn camera(
         &self,
+        option: &str,
         rectification: Option<&Rectification<'_>>,
-        depth: Depth,
+        warnings: &[String],
         size: [u32; 2],
     ) -> Result<RectifiedCamera> {
+        let depth = self.depth(option, rectification, warnings)?;
         let camera = match (rectification, self.focal) {
             (Some(rectification), _) => rectification.camera(self.reference.into()),
             (None, Some(focal_px)) => {
@@ -390,9 +423,12 @@ impl Match {
             }
             (None, None) => None,
         };
-        camera.context(
-            "--scan: the focal length must be from 16 to 65536 px, and the principal point within that",
-        )
+        camera.with_context(|| {
+            format!(
+                "{option}: the focal length must be from 16 to 65536 px, and the principal point \
+                 within that"
+            )
+        })
     }
 
     /// Returns the disparities to search in lines of `width` px.

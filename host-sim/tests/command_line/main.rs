@@ -9,3 +9,4 @@ mod general;
 mod images;
 mod matching;
 mod outputs;
+mod points;
