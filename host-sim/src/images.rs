@@ -10,6 +10,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use image::codecs::pnm::PnmDecoder;
+use image::imageops::crop_imm;
 use image::metadata::Orientation;
 use image::{
     ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits, Rgb, RgbImage,
@@ -212,6 +213,43 @@ fn jpeg_has_end(bytes: &[u8]) -> bool {
     }
 }
 
+/// How one picture holds two views.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Arrangement {
+    /// The left view is the left half, the right view the right half.
+    SideBySide,
+    /// The left view is the top half, the right view the bottom half.
+    TopBottom,
+}
+
+impl Arrangement {
+    /// Returns width and height of each of the views in a picture, px.
+    ///
+    /// # Errors
+    /// Fails with one line that names the file when its side has no half.
+    pub fn view_dimensions(self, both: &ImageFile) -> Result<(u32, u32)> {
+        let ImageFile { width, height, .. } = *both;
+        let (size, rest, needed) = match self {
+            Self::SideBySide => (
+                (width / 2, height),
+                width % 2,
+                "side by side have an even width",
+            ),
+            Self::TopBottom => (
+                (width, height / 2),
+                height % 2,
+                "one above the other have an even height",
+            ),
+        };
+        ensure!(
+            rest == 0,
+            "cannot read {}: it is {width}x{height} px, and two views {needed}",
+            both.name
+        );
+        Ok(size)
+    }
+}
+
 /// Two views as 8 bits of red, green and blue.
 #[derive(Debug)]
 pub struct ViewImages {
@@ -243,41 +281,71 @@ impl ViewImages {
             right.width,
             right.height
         );
-        let mut images = Vec::new();
-        let mut largest = None;
-        for file in [left, right] {
-            let image = file.decode()?;
-            let states_depth = file.states_depth();
-            match image.color() {
-                ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => {
-                    if !states_depth {
-                        largest = largest.max(Some(largest_level(&image)));
-                    }
-                }
-                ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => {}
-                _ => bail!(
-                    "cannot read {}: its levels are floating-point numbers; give it 8 or 16 bits",
-                    file.name
-                ),
-            }
-            images.push((image, states_depth));
-        }
-        let used = largest.map(|largest| match bits {
-            Some(bits) => bits.clamp(8, 16),
-            None => (16 - largest.leading_zeros() as u8).max(8),
-        });
-        let mut views = images.into_iter().map(|(image, states_depth)| {
-            with_upper_bits(image, used.filter(|_| !states_depth).unwrap_or(16))
-        });
-        let (Some(left), Some(right)) = (views.next(), views.next()) else {
-            bail!("a pair has two views");
+        let ([left, right], bits) = with_used_bits([left, right], bits)?;
+        Ok(Self { left, right, bits })
+    }
+
+    /// Decodes a picture that holds both views, upright. Its levels are taken as
+    /// [`ViewImages::decode`] takes those of two files.
+    ///
+    /// # Errors
+    /// Fails with one line that names the file and the reason, as [`Arrangement::view_dimensions`]
+    /// and [`ViewImages::decode`] do.
+    pub fn decode_joined(
+        both: &ImageFile,
+        arrangement: Arrangement,
+        bits: Option<u8>,
+    ) -> Result<Self> {
+        let (width, height) = arrangement.view_dimensions(both)?;
+        let ([both], bits) = with_used_bits([both], bits)?;
+        let (x, y) = match arrangement {
+            Arrangement::SideBySide => (width, 0),
+            Arrangement::TopBottom => (0, height),
         };
+        let half = |x, y| crop_imm(&both, x, y, width, height).to_image();
         Ok(Self {
-            left,
-            right,
-            bits: used.filter(|&bits| bits < 16),
+            left: half(0, 0),
+            right: half(x, y),
+            bits,
         })
     }
+}
+
+/// Decodes images together. Of levels with 16 bits the upper 8 of those that they use are kept;
+/// returns how many these are, where they are not all.
+fn with_used_bits<const N: usize>(
+    files: [&ImageFile; N],
+    bits: Option<u8>,
+) -> Result<([RgbImage; N], Option<u8>)> {
+    let mut images = Vec::new();
+    let mut largest = None;
+    for file in files {
+        let image = file.decode()?;
+        let states_depth = file.states_depth();
+        match image.color() {
+            ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => {
+                if !states_depth {
+                    largest = largest.max(Some(largest_level(&image)));
+                }
+            }
+            ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => {}
+            _ => bail!(
+                "cannot read {}: its levels are floating-point numbers; give it 8 or 16 bits",
+                file.name
+            ),
+        }
+        images.push((image, states_depth));
+    }
+    let used = largest.map(|largest| match bits {
+        Some(bits) => bits.clamp(8, 16),
+        None => (16 - largest.leading_zeros() as u8).max(8),
+    });
+    let mut images = images.into_iter().map(|(image, states_depth)| {
+        with_upper_bits(image, used.filter(|_| !states_depth).unwrap_or(16))
+    });
+    // There are as many images as files.
+    let images = std::array::from_fn(|_| images.next().unwrap_or_default());
+    Ok((images, used.filter(|&bits| bits < 16)))
 }
 
 /// Returns the number of used bits that a text states.

@@ -1,17 +1,17 @@
 //! The host simulator of vgstereo. It feeds the core that firmware links with stored images and
 //! rendered scenes.
 //!
-//! From the bottom up: [`escapes`] makes names printable; [`files`], [`images`], [`pfm`],
-//! [`disparity_files`], [`depth_files`], [`point_files`], [`scan_files`] and [`parameters`] read and
-//! write files.
-//! [`mod@calibration`] makes rectifications from calibration files. [`scene`] and [`views`] hold
-//! stereo pairs, [`mod@rectify`] rectifies them, [`dataset`] loads them, [`render`] makes one, and
-//! [`exposure`] and [`line_offset`] let the right camera differ from the left. [`camera`] and
-//! [`sink`] are the two ends of a firmware's session. [`mod@frame`] matches whole frames with the
-//! kernels of `vgstereo-kernels`, and [`pair_check`] tells what is wrong with a pair. [`metrics`]
-//! measures disparities against ground truth, [`pictures`] shows them, [`published`] has results to
-//! compare with, and [`prepared`] joins a scene with its matching and measuring. [`arguments`],
-//! [`cameras`], [`tables`] and [`terminal`] serve the [`commands`] of `vgstereo`.
+//! From the bottom up: [`escapes`] makes names printable; [`files`], [`images`], [`pair_files`],
+//! [`pfm`], [`disparity_files`], [`depth_files`], [`point_files`], [`scan_files`] and
+//! [`parameters`] read and write files. [`mod@calibration`] makes rectifications from calibration
+//! files. [`scene`] and [`views`] hold stereo pairs, [`mod@rectify`] rectifies them, [`dataset`]
+//! loads them, [`render`] makes one, and [`exposure`] and [`line_offset`] let the right camera
+//! differ from the left. [`camera`] and [`sink`] are the two ends of a firmware's session.
+//! [`mod@frame`] matches whole frames with the kernels of `vgstereo-kernels`, and [`pair_check`]
+//! tells what is wrong with a pair. [`metrics`] measures disparities against ground truth,
+//! [`pictures`] shows them, [`published`] has results to compare with, and [`prepared`] joins a
+//! scene with its matching and measuring. [`arguments`], [`cameras`], [`tables`] and [`terminal`]
+//! serve the [`commands`] of `vgstereo`.
 
 pub mod arguments;
 pub mod calibration;
@@ -29,6 +29,7 @@ pub mod images;
 pub mod line_offset;
 pub mod metrics;
 pub mod pair_check;
+pub mod pair_files;
 pub mod parameters;
 pub mod pfm;
 pub mod pictures;

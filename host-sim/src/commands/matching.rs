@@ -21,8 +21,9 @@ use crate::disparity_files::{DisparityFormat, grey_png};
 use crate::escapes::shown;
 use crate::files::{encode, ensure_distinct_outputs, ensure_ending, make_folder, write_files};
 use crate::frame::match_frame;
-use crate::images::{ImageFile, ViewImages, bits_note, parse_bits};
+use crate::images::{bits_note, parse_bits};
 use crate::pair_check::hints;
+use crate::pair_files::PairArguments;
 use crate::pictures::colour_disparities;
 use crate::point_files::PointFormat;
 use crate::rectify::rectified;
@@ -42,14 +43,13 @@ const DEFAULT_D_MAX: u16 = 63;
     Two cameras as are:  vgstereo match left.png right.png --calibration intrinsics.yml extrinsics.yml \\\n\
     \x20                    --unit mm --out disparity.png --depth depth.png\n\
     A cloud of points:   vgstereo match left.png right.png --focal 700 --baseline 60 \\\n\
-    \x20                    --out disparity.png --points cloud.ply"
+    \x20                    --out disparity.png --points cloud.ply\n\
+    Both in one image:   vgstereo match both.png --side-by-side --out disparity.png\n\
+    \x20                    vgstereo match both.png --top-bottom --out disparity.png"
 )]
 pub struct Match {
-    /// Left image, rectified unless --calibration is given: PNG, JPEG, TIFF, WebP, BMP, PGM or PPM,
-    /// in colour or grey; - reads standard input.
-    left: PathBuf,
-    /// Right image, of the same size; where one of the two is grey, grey is matched.
-    right: PathBuf,
+    #[command(flatten)]
+    images: PairArguments,
     /// Disparity map to write: .png or .pgm (value = disparity x scale, 0 = none), .pfm (px,
     /// infinity = none), or - for a PFM on standard output.
     #[arg(long, value_name = "FILE")]
@@ -178,7 +178,7 @@ impl Match {
             ensure_ending(path, "png")?;
         }
         let standard = Path::new("-");
-        let mut inputs = vec![self.left.as_path(), &self.right];
+        let mut inputs = self.images.paths();
         inputs.extend(self.overrides.config.as_deref());
         inputs.extend(self.calibration.iter().map(PathBuf::as_path));
         inputs.extend(self.views.files());
@@ -207,19 +207,15 @@ impl Match {
         }
         ensure_distinct_outputs(&inputs, &outputs)
             .context("--out, --colour, --depth, --points, --confidence, --scan, --rectified")?;
-        ensure!(
-            self.left != standard || self.right != standard,
-            "standard input has one image: give the other by its name"
-        );
         // What can be refused is, before anything is decoded.
-        let left = ImageFile::open(&self.left)?;
-        let right = ImageFile::open(&self.right)?;
-        let cameras = Cameras::read(&self.calibration, &self.views, Some(left.dimensions()))?;
+        let pair = self.images.open()?;
+        let size = pair.dimensions()?;
+        let cameras = Cameras::read(&self.calibration, &self.views, Some(size))?;
         let rectification = cameras.rectification.as_deref();
         let rectification = rectification.map(Rectification::from_bytes).transpose()?;
         let (width, height) = match &rectification {
             Some(r) => (u32::from(r.width), u32::from(r.height)),
-            None => left.dimensions(),
+            None => size,
         };
         let width = u16::try_from(width)?;
         let depth = match &self.depth {
@@ -259,10 +255,9 @@ impl Match {
             ..Config::new(parameters, width, disparities)
         };
         config.validate()?;
-        let images = ViewImages::decode(&left, &right, self.bits)?;
-        drop((left, right));
-        let mut views =
-            Views::new(images.left, images.right, self.grey).with_context(|| shown(&self.left))?;
+        let images = pair.decode(self.bits)?;
+        drop(pair);
+        let mut views = Views::new(images.left, images.right, self.grey)?;
         if let Some(rectification) = &rectification {
             views = rectified(&views, rectification)?;
         }

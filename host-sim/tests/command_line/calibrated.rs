@@ -14,7 +14,7 @@ const BASELINE_MM: u32 = 60;
 
 /// OpenCV's file of two cameras without distortion that look in parallel. Rectification changes
 /// nothing then, and every pixel is valid.
-fn parallel() -> String {
+pub(crate) fn parallel() -> String {
     let list = |values: [f64; 9]| format!("{values:?}");
     let matrix = |name: &str, rows: u32, columns: u32, data: String| {
         format!(

@@ -27,7 +27,7 @@ fn matched(fixture: &Fixture, left: &str, right: &str, more: &[&str]) -> (Vec<u8
 }
 
 /// Levels of 16 bits that are those of an image of 8 bits, moved up.
-fn widened(image: &RgbImage, shift: u32) -> DynamicImage {
+pub(crate) fn widened(image: &RgbImage, shift: u32) -> DynamicImage {
     let wide = |level: u8| u16::from(level) << shift;
     let image = ImageBuffer::from_fn(image.width(), image.height(), |x, y| {
         Rgb(image.get_pixel(x, y).0.map(wide))
@@ -155,7 +155,7 @@ fn a_stated_depth_is_that_of_its_file_alone() {
 }
 
 /// An EXIF block that states an orientation, 1 to 8.
-fn exif(orientation: u16) -> Vec<u8> {
+pub(crate) fn exif(orientation: u16) -> Vec<u8> {
     let mut block = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0".to_vec();
     block.extend(orientation.to_le_bytes());
     block.extend([0; 6]);

@@ -7,6 +7,7 @@ mod experiments;
 mod fixture;
 mod general;
 mod images;
+mod joined;
 mod matching;
 mod outputs;
 mod points;

@@ -1,7 +1,7 @@
 //! The reader of images.
 
 use image::DynamicImage;
-use vgstereo_sim::images::{ImageFile, PIXELS_MAX, SIDE_MAX_PX, ViewImages};
+use vgstereo_sim::images::{Arrangement, ImageFile, PIXELS_MAX, SIDE_MAX_PX, ViewImages};
 
 use super::{NAME, accepted, within_memory};
 
@@ -44,6 +44,28 @@ pub fn run(bytes: &[u8]) {
     assert_eq!(pair.left.dimensions(), (width, height));
     assert!(pair.left == pair.right);
     check_levels(&image, &pair, bits);
+    check_halves(&opened, &pair, bits);
+}
+
+/// Checks that a picture of both views is halved where its side is even, and refused elsewhere.
+fn check_halves(opened: &ImageFile, pair: &ViewImages, bits: Option<u8>) {
+    let (width, height) = opened.dimensions();
+    for (arrangement, [columns, lines], [x, y]) in [
+        (Arrangement::SideBySide, [2, 1], [width / 2, 0]),
+        (Arrangement::TopBottom, [1, 2], [0, height / 2]),
+    ] {
+        let halves = ViewImages::decode_joined(opened, arrangement, bits);
+        let Some(halves) = accepted(halves, NAME) else {
+            assert!(width % columns + height % lines > 0);
+            continue;
+        };
+        assert_eq!(halves.bits, pair.bits);
+        for (half, [x, y]) in [(&halves.left, [0, 0]), (&halves.right, [x, y])] {
+            assert_eq!(half.dimensions(), (width / columns, height / lines));
+            let mut pixels = half.enumerate_pixels();
+            assert!(pixels.all(|(u, v, pixel)| pixel == pair.left.get_pixel(x + u, y + v)));
+        }
+    }
 }
 
 /// Checks the levels of a view against those of its file.
