@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use vgstereo_core::geometry::{Interpolation, RectifiedCamera, ScanConfig};
 use vgstereo_core::{Output, Parameters, Preset};
 
-use crate::calibration::{Keep, Options, projections};
+use crate::calibration::{Keep, Options, parse_unit, projections};
 use crate::escapes::shown;
 use crate::files::{TEXT_BYTES_MAX, read_file};
 use crate::parameters::{with_file, with_setting};
@@ -86,7 +86,7 @@ pub struct RectifiedViews {
     #[arg(long, value_name = "FILE", conflicts_with = "keep")]
     projection: Option<PathBuf>,
     /// Unit of the files' translation: mm, cm, m, or millimetres as a number, such as the side of
-    /// the board's squares.
+    /// the board's squares [default: as the files state].
     #[arg(long, value_name = "UNIT", value_parser = parse_unit)]
     unit: Option<f64>,
     /// The cameras deliver a window of the picture that the files are of, from this column and
@@ -306,19 +306,6 @@ pub fn parse_point(text: &str) -> Result<[f64; 2], String> {
     point.ok_or_else(|| "it is X,Y in px, such as 319.5,239.5".to_owned())
 }
 
-fn parse_unit(text: &str) -> Result<f64, String> {
-    match text {
-        "mm" => Ok(1.0),
-        "cm" => Ok(10.0),
-        "m" => Ok(1000.0),
-        _ => text
-            .parse()
-            .ok()
-            .filter(|&mm: &f64| (1e-3..=1e6).contains(&mm))
-            .ok_or_else(|| "a unit is mm, cm, m, or a number of millimetres above 0".to_owned()),
-    }
-}
-
 fn parse_corner(text: &str) -> Result<[u16; 2], String> {
     let corner = text
         .split_once(',')
@@ -356,10 +343,5 @@ mod tests {
         assert!(parse_corner("16").is_err() && parse_corner("-1,0").is_err());
         assert_eq!(parse_heights("-20,5"), Ok([-20, 5]));
         assert!(parse_heights("5,-20").is_err() && parse_heights("5").is_err());
-        assert_eq!(parse_unit("cm"), Ok(10.0));
-        assert_eq!(parse_unit("25.4"), Ok(25.4));
-        assert!(
-            parse_unit("0").is_err() && parse_unit("inf").is_err() && parse_unit("ft").is_err()
-        );
     }
 }

@@ -31,4 +31,4 @@ pub use maps::{ERROR_MAX_PX, Maps};
 pub use read::{projections, read};
 pub use rectified::{Keep, RectifiedPair};
 pub use ros::camera_infos;
-pub use stereo::{StereoCalibration, StoredRectification};
+pub use stereo::{StereoCalibration, StoredRectification, parse_unit};

@@ -8,7 +8,7 @@ use anyhow::{Result, anyhow, ensure};
 use super::camera::Camera;
 use super::document::{Document, Entry};
 use super::lens::Lens;
-use super::stereo::{StereoCalibration, StoredRectification, rotation};
+use super::stereo::{StereoCalibration, StoredRectification, parse_unit, rotation};
 use glam::{DMat3, DVec3};
 
 /// What a matrix is, by its name.
@@ -142,6 +142,7 @@ pub(super) fn read(documents: &[Document]) -> Result<StereoCalibration> {
         )
     };
     let size = size(&found, documents)?;
+    let is_fisheye = is_fisheye(documents)?;
     let camera = |side: usize| -> Result<Camera> {
         let matrix = found.get(&(Kind::Camera, Some(side))).ok_or_else(|| {
             missing(
@@ -159,7 +160,12 @@ pub(super) fn read(documents: &[Document]) -> Result<StereoCalibration> {
                 ][side],
             )
         })?;
-        let lens = distortion.within(Lens::radial_tangential(&distortion.list()?))?;
+        let coefficients = distortion.list()?;
+        let lens = distortion.within(if is_fisheye == Some(true) {
+            Lens::named("fisheye", &coefficients)
+        } else {
+            Lens::radial_tangential(&coefficients)
+        })?;
         matrix.within(Camera::from_matrix(matrix.numbers()?, lens, size))
     };
     let cameras = [camera(0)?, camera(1)?];
@@ -180,23 +186,20 @@ pub(super) fn read(documents: &[Document]) -> Result<StereoCalibration> {
     let mut warnings = Vec::new();
     if let Some(entry) = found.get(&(Kind::Distortion, Some(0)))
         && entry.list()?.len() == 4
+        && is_fisheye.is_none()
     {
         warnings.push(
-            "four distortion coefficients are taken as k1 k2 p1 p2; those of OpenCV's fisheye \
-             module would be others, k1 to k4"
+            "four distortion coefficients are taken as k1 k2 p1 p2; if they are k1 to k4 of OpenCV's \
+             fisheye module, add the line fisheye_model: 1"
                 .to_owned(),
         );
     }
-    // ORB-SLAM2 states metres.
-    let is_slam = documents
-        .iter()
-        .any(|d| d.root().get("Camera.bf").is_some());
     Ok(StereoCalibration {
         format: "OpenCV",
         cameras,
         rotation,
         translation,
-        unit_mm: is_slam.then_some(1000.0),
+        unit_mm: unit_mm(documents)?,
         stored,
         warnings,
     })
@@ -255,6 +258,42 @@ fn size(found: &Found<'_>, documents: &[Document]) -> Result<Option<[u16; 2]>> {
     Ok(None)
 }
 
+/// Whether the lenses are those of OpenCV's fisheye module, where a file states it: under the name that
+/// OpenCV's own program for one camera gives it.
+fn is_fisheye(documents: &[Document]) -> Result<Option<bool>> {
+    let entries = documents
+        .iter()
+        .find_map(|document| document.root().get("fisheye_model"));
+    let Some(entry) = entries else {
+        return Ok(None);
+    };
+    match entry.numbers()? {
+        [0.0] => Ok(Some(false)),
+        [1.0] => Ok(Some(true)),
+        _ => Err(entry.error("is neither 0 nor 1")),
+    }
+}
+
+/// Millimetres in the unit of the translation, where a file states it: under the name that
+/// `tools/calibrate.py` gives it, or by being one of ORB-SLAM2, whose unit is the metre.
+fn unit_mm(documents: &[Document]) -> Result<Option<f64>> {
+    for document in documents {
+        let root = document.root();
+        if let Some(entry) = root.get("translation_unit") {
+            let text = entry.text().map_or_else(
+                || entry.numbers().map(|[mm]: [f64; 1]| mm.to_string()),
+                |text| Ok(text.to_owned()),
+            )?;
+            let unit = parse_unit(&text).map_err(|reason| anyhow!("is {text:?}: {reason}"));
+            return entry.within(unit).map(Some);
+        }
+        if root.get("Camera.bf").is_some() {
+            return Ok(Some(1000.0));
+        }
+    }
+    Ok(None)
+}
+
 fn stored(found: &Found<'_>) -> Result<Option<StoredRectification>> {
     let get = |kind, side| found.get(&(kind, Some(side)));
     let (Some(r1), Some(r2), Some(p1), Some(p2)) = (
@@ -287,6 +326,45 @@ fn rotation_of(entry: &Entry<'_>) -> Result<DMat3> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A pair of cameras with these distortion coefficients and further entries.
+    fn pair(coefficients: &str, more: &str) -> Result<StereoCalibration> {
+        let camera = "[300, 0, 160, 0, 300, 120, 0, 0, 1]";
+        let text = format!(
+            "M1: {camera}\nM2: {camera}\nD1: {coefficients}\nD2: {coefficients}\n\
+             R: [1, 0, 0, 0, 1, 0, 0, 0, 1]\nT: [-60, 0, 0]\n{more}"
+        );
+        read(&[Document::parse("stereo.yml", text.as_bytes())?])
+    }
+
+    #[test]
+    fn files_state_their_unit_and_whether_lenses_are_fisheyes() {
+        let plain = pair("[0.1, 0, 0, 0]", "").unwrap();
+        assert_eq!((plain.unit_mm, plain.warnings.len()), (None, 1));
+        let stated = pair("[0.1, 0, 0, 0]", "fisheye_model: 0\ntranslation_unit: cm\n").unwrap();
+        assert_eq!((stated.unit_mm, stated.warnings.len()), (Some(10.0), 0));
+        assert_eq!(stated.cameras, plain.cameras);
+        let fisheye = pair(
+            "[0.1, 0, 0, 0]",
+            "fisheye_model: 1\ntranslation_unit: 25.4\n",
+        )
+        .unwrap();
+        assert_eq!((fisheye.unit_mm, fisheye.warnings.len()), (Some(25.4), 0));
+        let lens = Lens::named("equidistant", &[0.1, 0.0, 0.0, 0.0]).unwrap();
+        assert!(fisheye.cameras.iter().all(|camera| camera.lens == lens));
+        for (coefficients, more, words) in [
+            ("[0.1, 0, 0, 0, 0]", "fisheye_model: 1", "4 coefficients"),
+            ("[0.1, 0, 0, 0]", "fisheye_model: 2", "fisheye_model"),
+            ("[0.1, 0, 0, 0]", "translation_unit: ft", "translation_unit"),
+            ("[0.1, 0, 0, 0]", "translation_unit: -1", "translation_unit"),
+        ] {
+            let error = format!("{:#}", pair(coefficients, more).unwrap_err());
+            assert!(
+                error.contains("stereo.yml") && error.contains(words),
+                "{error}"
+            );
+        }
+    }
 
     #[test]
     fn names_tell_what_a_matrix_is_and_of_which_side() {

@@ -83,6 +83,23 @@ pub(super) fn between(
     }
 }
 
+/// Returns the millimetres in a unit that a text states.
+///
+/// # Errors
+/// Fails with one line that shows how a unit is written.
+pub fn parse_unit(text: &str) -> Result<f64, String> {
+    match text {
+        "mm" => Ok(1.0),
+        "cm" => Ok(10.0),
+        "m" => Ok(1000.0),
+        _ => text
+            .parse()
+            .ok()
+            .filter(|&mm: &f64| (1e-3..=1e6).contains(&mm))
+            .ok_or_else(|| "a unit is mm, cm, m, or a number of millimetres above 0".to_owned()),
+    }
+}
+
 impl StoredRectification {
     /// The motion between the cameras that the rectification implies: `R2^T R1`, and `R2^T` of the offset
     /// that the projections state.
@@ -169,6 +186,15 @@ mod tests {
         let point = DVec3::new(0.3, 0.7, 9.0);
         let [left, right] = from.map(|(rotation, offset)| rotation * point + offset);
         assert!((rotation_a * left + offset_a).abs_diff_eq(right, 1e-12));
+    }
+
+    #[test]
+    fn units_are_understood_or_refused() {
+        assert_eq!(parse_unit("cm"), Ok(10.0));
+        assert_eq!(parse_unit("25.4"), Ok(25.4));
+        for text in ["0", "inf", "ft"] {
+            assert!(parse_unit(text).is_err(), "{text}");
+        }
     }
 
     #[test]
