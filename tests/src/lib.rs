@@ -4,6 +4,7 @@
 pub mod faults;
 pub mod fuzz;
 pub mod oracle;
+pub mod python;
 
 use std::ops::Range;
 
