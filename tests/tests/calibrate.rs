@@ -12,7 +12,7 @@ use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use glam::DVec2;
 use libtest_mimic::{Arguments, Failed, Trial};
-use vgstereo_sim::calibration::{RectifiedPair, StereoCalibration, read};
+use vgstereo_sim::calibration::{Lens, RectifiedPair, StereoCalibration, read};
 use vgstereo_sim::commands::CommandLine;
 use vgstereo_sim::terminal::Said;
 use vgstereo_tests::python::{Outcome, Python};
@@ -62,6 +62,11 @@ fn main() {
     };
     add("names", &[], Box::new(|python, _| names(python)));
     add("numbering", &[], Box::new(|python, _| numbering(python)));
+    add(
+        "archives_of_numpy",
+        &[],
+        Box::new(|python, _| archives(python)),
+    );
     add("refusals", &[], Box::new(|python, _| refusals(python)));
     add(
         "rendered::spoilt",
@@ -379,6 +384,47 @@ fn numbering(python: &Python) -> Result<()> {
     succeeded(&python.run(&["-c", script])).map(drop)
 }
 
+/// Archives that `NumPy` writes are read: matrices of several types, by rows and by columns.
+fn archives(python: &Python) -> Result<()> {
+    let script = "import sys, numpy\n\
+                  camera = lambda f: numpy.array([[f, 0, 160], [0, f, 120], [0, 0, 1.0]])\n\
+                  s, c = 0.6, 0.8\n\
+                  matrices = dict(\n\
+                  \x20   cameraMatrix1=camera(300), distCoeffs1=numpy.array([[-0.2, 0.1, 0, 0, 0.01]]),\n\
+                  \x20   cameraMatrix2=camera(310).astype('f4'), distCoeffs2=numpy.zeros(8),\n\
+                  \x20   R=numpy.asfortranarray([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]),\n\
+                  \x20   T=numpy.array([[-60.0], [1], [2]]), imageSize=numpy.array([320, 240]),\n\
+                  \x20   rvecs=numpy.array([numpy.zeros((3, 1)), None], object),\n\
+                  \x20   map1=numpy.zeros((240, 320, 2), 'f4'))\n\
+                  numpy.savez(sys.argv[1] + '/stored.npz', **matrices)\n\
+                  numpy.savez_compressed(sys.argv[1] + '/deflated.npz', **matrices)\n";
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().to_str().context("a name")?;
+    succeeded(&python.run(&["-c", script, path]))?;
+    for name in ["stored.npz", "deflated.npz"] {
+        let found = read_file(&folder.path().join(name))?;
+        let [left, right] = found.cameras;
+        ensure!(
+            left.focal_px.x == 300.0 && right.focal_px.x == 310.0,
+            "{found:?}"
+        );
+        let lens = Lens::radial_tangential(&[-0.2, 0.1, 0.0, 0.0, 0.01])?;
+        ensure!(left.lens == lens && right.lens == Lens::radial_tangential(&[])?);
+        ensure!(left.size == Some([320, 240]) && found.unit_mm.is_none());
+        ensure!(found.translation.to_array() == [-60.0, 1.0, 2.0]);
+        // What is ahead to the right of the left camera is turned down by the right one.
+        let turned = found.rotation * glam::DVec3::X;
+        ensure!(
+            turned.abs_diff_eq(glam::DVec3::new(0.8, 0.6, 0.0), 1e-12),
+            "{turned}"
+        );
+    }
+    Ok(())
+}
+
+/// A folder below that of the pictures, options, and words of the refusal.
+type Refusal<'a> = (&'a str, &'a [&'a [&'a str]], &'a [&'a str]);
+
 /// What cannot be used is one line on the screen that names it, and nothing is written.
 fn refusals(python: &Python) -> Result<()> {
     let folder = tempfile::tempdir()?;
@@ -402,7 +448,7 @@ fn refusals(python: &Python) -> Result<()> {
     );
     let board = ["--board", "9x6", "--square", "25mm"];
     let exchanged = ["--left", "right_*", "--right", "left_*", "--out", out];
-    let cases: [(&str, &[&[&str]], &[&str]); 14] = [
+    let cases: [Refusal<'_>; 14] = [
         (
             "",
             &[&["--board", "9x6", "--square", "25", "--out", out]],

@@ -1,8 +1,10 @@
-//! The syntax of calibration files: YAML, XML, JSON, TOML and npy become one tree, whose numbers are
+//! The syntax of calibration files: YAML, XML, JSON, TOML, npy and npz become one tree, whose numbers are
 //! finite and counted when they are read.
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
 use serde_json::{Map, Value};
+
+use super::numpy;
 
 /// Nesting of XML elements beyond which a file is refused.
 const DEPTH_MAX: usize = 32;
@@ -32,13 +34,15 @@ impl Document {
     /// # Errors
     /// Fails with one line that names the file and the reason.
     pub(super) fn parse(name: &str, bytes: &[u8]) -> Result<Self> {
-        let root = if bytes.starts_with(b"\x93NUMPY") {
+        let root = if numpy::is_matrix(bytes) {
             let stem = std::path::Path::new(name).file_stem();
             let stem = stem.map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
-            parse_npy(bytes).map(|numbers| Value::Object(Map::from_iter([(stem, numbers)])))
+            numpy::matrix(bytes).map(|numbers| Value::Object(Map::from_iter([(stem, numbers)])))
+        } else if numpy::is_archive(bytes) {
+            numpy::archive(bytes).map(Value::Object)
         } else {
             std::str::from_utf8(bytes)
-                .map_err(|_| anyhow!("neither text nor npy"))
+                .map_err(|_| anyhow!("neither text nor npy or npz"))
                 .and_then(if name.ends_with(".toml") {
                     parse_toml
                 } else {
@@ -332,52 +336,9 @@ fn element(node: roxmltree::Node<'_, '_>, depth: usize) -> Result<Value> {
     Ok(Value::Object(entries.collect::<Result<_>>()?))
 }
 
-fn parse_npy(bytes: &[u8]) -> Result<Value> {
-    // Version 1 states the length of its header in two bytes and the others in four. As much as that
-    // is allocated before anything is read.
-    let (header_bytes, rest) = match bytes.get(6..) {
-        Some([1, _, a, b, rest @ ..]) => (u16::from_le_bytes([*a, *b]).into(), rest),
-        Some([_, _, a, b, c, d, rest @ ..]) => (u32::from_le_bytes([*a, *b, *c, *d]), rest),
-        _ => (u32::MAX, &[][..]),
-    };
-    let header = rest.get(..header_bytes as usize);
-    let header = header.context("the header breaks off")?;
-    // A dictionary with a tuple. The time that parsing takes doubles with each bracket that is not closed.
-    let brackets = header.iter().filter(|byte| b"{[(".contains(byte)).count();
-    ensure!(brackets <= 4, "the header is not that of a matrix");
-    let file = npyz::NpyFile::new(bytes)?;
-    // More would not be the matrix of a camera; it bounds what is allocated for a false header.
-    ensure!(file.len() <= 64, "{} numbers in one matrix", file.len());
-    ensure!(
-        file.order() == npyz::Order::C,
-        "the matrix is stored by columns"
-    );
-    let kind = file.dtype().descr();
-    let numbers: Vec<f64> = match kind.trim_matches(['\'', '"']) {
-        "<f8" => file.into_vec()?,
-        "<f4" => file.into_vec::<f32>()?.into_iter().map(f64::from).collect(),
-        "<i4" => file.into_vec::<i32>()?.into_iter().map(f64::from).collect(),
-        other => bail!("numbers of type {other}, not <f8"),
-    };
-    // Numbers that are not finite become null, which is refused where it is read.
-    Ok(numbers.into_iter().map(Value::from).collect())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn brackets_in_the_header_of_a_matrix_do_not_cost_time() {
-        for bracket in ["{", "[", "(", "{[("] {
-            let text = bracket.repeat(60);
-            let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
-            bytes.extend(u16::try_from(text.len()).unwrap().to_le_bytes());
-            bytes.extend(text.as_bytes());
-            let error = Document::parse("a.npy", &bytes).unwrap_err();
-            assert!(format!("{error:#}").contains("header"), "{error:#}");
-        }
-    }
 
     fn numbers_of(text: &str, key: &str) -> Result<Vec<f64>> {
         Document::parse("a.yml", text.as_bytes())?
@@ -446,34 +407,5 @@ mod tests {
             let error = Document::parse("b.yml", text.as_bytes()).unwrap_err();
             assert!(format!("{error:#}").contains("b.yml"), "{error:#}");
         }
-    }
-
-    #[test]
-    fn matrices_of_numpy_are_read() {
-        let header =
-            b"\x93NUMPY\x01\0\x46\0{'descr': '<f8', 'fortran_order': False, 'shape': (1, 2), }";
-        let mut bytes = header.to_vec();
-        bytes.resize(79, b' ');
-        bytes.push(b'\n');
-        for number in [1.5_f64, -2.0] {
-            bytes.extend(number.to_le_bytes());
-        }
-        let document = Document::parse("calib/rot_mat.npy", &bytes).unwrap();
-        let read = document.root().require("rot_mat").unwrap().list().unwrap();
-        assert_eq!(read, [1.5, -2.0]);
-        let refused = |bytes: &[u8]| {
-            let error = Document::parse("rot_mat.npy", bytes).unwrap_err();
-            let error = format!("{error:#}");
-            assert!(error.contains("rot_mat.npy"), "{error}");
-            error
-        };
-        refused(&bytes[..90]);
-        // A header of 4 GiB, of which nothing is there.
-        for version in 2..=3 {
-            bytes[6] = version;
-            bytes[8..12].fill(0xff);
-            assert!(refused(&bytes).contains("the header breaks off"));
-        }
-        assert!(refused(&bytes[..9]).contains("the header breaks off"));
     }
 }

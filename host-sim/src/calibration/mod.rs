@@ -17,6 +17,7 @@ mod kalibr;
 mod lens;
 mod make;
 mod maps;
+mod numpy;
 mod opencv;
 mod read;
 mod rectified;

@@ -1,4 +1,4 @@
-//! Calibrations of OpenCV's programs: matrices in YAML, XML, JSON or npy, under names that differ
+//! Calibrations of OpenCV's programs: matrices in YAML, XML, JSON, npy or npz, under names that differ
 //! from program to program.
 
 use std::collections::BTreeMap;
@@ -93,6 +93,7 @@ const NAMES: [(Kind, &[&str]); 6] = [
         &[
             "t",
             "trans",
+            "trns",
             "transvec",
             "tvec",
             "translation",
@@ -383,6 +384,9 @@ mod tests {
             ("R1", Some((Kind::Rotation, Some(0)))),
             ("rect_trans_right", Some((Kind::Rotation, Some(1)))),
             ("trans_vec", Some((Kind::Translation, None))),
+            ("Trns", Some((Kind::Translation, None))),
+            ("mtxL", Some((Kind::Camera, Some(0)))),
+            ("dist_2", Some((Kind::Distortion, Some(1)))),
             ("P2", Some((Kind::Projection, Some(1)))),
             ("imageSize", Some((Kind::Size, None))),
             ("Q", None),

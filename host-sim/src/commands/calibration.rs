@@ -16,9 +16,13 @@ use crate::tables::kib;
 /// The arguments of `vgstereo calibration`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "The files are those of OpenCV (YAML, XML, JSON or .npy; one file, or intrinsics and\n\
-    extrinsics), of ROS (camera_info of the left and the right camera), Kalibr (camchain),\n\
-    EuRoC (sensor.yaml of both) or BoofCV.\n\n\
+    after_help = "The files are those of OpenCV (YAML, XML or JSON; one file, or intrinsics and\n\
+    extrinsics) or NumPy (.npy, one for each matrix, or an .npz), of ROS (camera_info of the\n\
+    left and the right camera), Kalibr (camchain), EuRoC (sensor.yaml of both) or BoofCV\n\
+    (YAML). tools/calibrate.py makes one from pictures of a board.\n\n\
+    Matrices of OpenCV and NumPy have the usual names: M1 K1 cameraMatrix1 camera_matrix_left\n\
+    mtxL, D1 dist1 distCoeffs1, R, T, R1 R2 P1 P2. The entry fisheye_model: 1 makes fisheye\n\
+    lenses of four coefficients, and translation_unit: mm states the unit.\n\n\
     Example: vgstereo calibration intrinsics.yml extrinsics.yml --size 640x480 --unit cm --out cal.vgr"
 )]
 pub struct Calibration {
