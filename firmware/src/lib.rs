@@ -9,8 +9,8 @@
 //! For tests, [`scripted`] has a camera that fails as a script says. Drivers, pins and clocks
 //! are left to the boards.
 //!
-//! Two features are off by default: `serial` adds a sink over a serial port, and `defmt` lets
-//! faults, events and counters be logged with defmt.
+//! Three features are off by default: `sensors` sets up image sensors, `serial` adds a sink over a
+//! serial port, and `defmt` lets faults, events and counters be logged with defmt.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -20,6 +20,8 @@ extern crate std;
 pub mod camera;
 pub mod fault;
 pub mod scripted;
+#[cfg(feature = "sensors")]
+pub mod sensors;
 pub mod session;
 pub mod sink;
 pub mod watchdog;

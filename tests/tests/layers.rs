@@ -51,7 +51,7 @@ const CRATES: [Layers; 5] = [
         sources: "firmware/src",
         rooms: &[
             &["camera", "watchdog"],
-            &["fault"],
+            &["fault", "sensors"],
             &["sink"],
             &["session"],
             &["scripted"],
