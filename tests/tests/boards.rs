@@ -489,9 +489,9 @@ fn waits_out_another_chip_and_a_stuck_bus(board: &Board) -> Result<(), Failed> {
     assert_eq!(whole_frames(&ran).len(), 1, "of two frames");
     assert_eq!(ran.report.armed, [2, 1]);
     // The number of an HM0360, which has the same address.
-    let stranger = "no left sensor, failure 1: ModelId { found: 864 }";
+    let stranger = "no left sensor, failure 1: WrongChip { found: 864, expected: 432 }";
     assert_eq!(logged(&ran, stranger), 1);
-    let stuck = "no right sensor, failure 1: I2c(Timeout)";
+    let stuck = "no right sensor, failure 1: Bus(Timeout)";
     assert_eq!(logged(&ran, stuck), 1);
     assert_eq!(logged(&ran, "the left sensor was lost"), 1);
     let (others, buses) = (logged(&ran, "Camera(Other)"), logged(&ran, "Camera(Bus)"));
@@ -513,7 +513,7 @@ fn restarts_when_a_bus_hangs(board: &Board) -> Result<(), Failed> {
     };
     let ran = run_modelled_restarted(board, &scenario, 1)?;
     assert_eq!(whole_frames(&ran), [0]);
-    assert!(logged(&ran, "I2c(Timeout)") > 2);
+    assert!(logged(&ran, "Bus(Timeout)") > 2);
     assert_eq!(ran.report.armed, [1, 1]);
     Ok(())
 }

@@ -7,28 +7,19 @@
 use embassy_stm32::i2c::{self, I2c};
 use embassy_stm32::mode::Blocking;
 use embassy_time::{Delay, Duration};
-use hm01b0::{Error, Exposure, Hm01b0, Mode, registers};
-use vgstereo_firmware::camera::ErrorKind;
+use embedded_hal::i2c::{ErrorType, Operation};
+use vgstereo_firmware::camera::{Error, ErrorKind};
+use vgstereo_firmware::sensors::hm01b0::{Hm01b0, QVGA_WINDOW};
+use vgstereo_firmware::sensors::{
+    FrameSync, Sensor as _, SensorError, SensorSettings, TestPattern,
+};
 
 use crate::rig::{FRAME_LINES, Rig};
 
-/// Pixel clocks per millisecond: half the clock that is fed to the sensor.
-const PIXEL_CLOCKS_PER_MS: u32 = 4000;
-/// Time of exposure, which suits rooms. It is fixed, because automatic exposures of the two sensors
-/// would drift apart.
+/// Clock that is fed to the sensors.
+const CLOCK_HZ: u32 = 8_000_000;
+/// Time of exposure, which suits rooms.
 const EXPOSURE_US: u32 = 30_000;
-
-// Registers for which the driver has no names.
-const FRAME_LENGTH_LINES_HIGH: u16 = 0x0340;
-const FRAME_LENGTH_LINES_LOW: u16 = 0x0341;
-const LINE_LENGTH_HIGH: u16 = 0x0342;
-const LINE_LENGTH_LOW: u16 = 0x0343;
-const QVGA_WINDOW: u16 = 0x3010;
-/// Bits of [`registers::OSC_CLK_DIV`]: the clock divider, its value for 2, and the gating of the
-/// pixel clock between lines. The port needs the clock there, to see the sync signals.
-const CLOCK_DIVIDER: u8 = 0b11;
-const DIVIDED_BY_2: u8 = 0b10;
-const GATED_CLOCK: u8 = 1 << 5;
 
 /// Longest wait for a step on a sensor's bus. The ten attempts of a set-up take less than the
 /// watchdog waits.
@@ -42,16 +33,50 @@ pub fn bus_config() -> i2c::Config {
     config
 }
 
-/// Bus of one sensor.
+/// Bus of one sensor, as the chip's driver has it.
 pub type Bus = I2c<'static, Blocking, i2c::Master>;
+
+/// Bus of one sensor whose driver is not inlined into what uses it: the test that looks for panics
+/// could not tell the driver's from those of the set-up.
+struct SensorBus(Bus);
+
+impl ErrorType for SensorBus {
+    type Error = i2c::Error;
+}
+
+impl embedded_hal::i2c::I2c for SensorBus {
+    #[inline(never)]
+    fn read(&mut self, address: u8, bytes: &mut [u8]) -> Result<(), i2c::Error> {
+        self.0.read(address, bytes)
+    }
+
+    #[inline(never)]
+    fn write(&mut self, address: u8, bytes: &[u8]) -> Result<(), i2c::Error> {
+        self.0.write(address, bytes)
+    }
+
+    #[inline(never)]
+    fn write_read(&mut self, address: u8, to: &[u8], from: &mut [u8]) -> Result<(), i2c::Error> {
+        self.0.write_read(address, to, from)
+    }
+
+    #[inline(never)]
+    fn transaction(
+        &mut self,
+        address: u8,
+        operations: &mut [Operation<'_>],
+    ) -> Result<(), i2c::Error> {
+        self.0.transaction(address, operations)
+    }
+}
 
 /// Why a sensor is not ready.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NotReady {
     /// Kind of the error for the session.
     pub kind: ErrorKind,
-    /// Whether the bus works and no HM01B0 is there, so that a reset of the board would change
-    /// nothing.
+    /// Whether the bus works and no HM01B0 is there, or none that can do what is asked for, so that
+    /// a reset of the board would change nothing.
     pub is_absent: bool,
 }
 
@@ -59,14 +84,25 @@ pub struct NotReady {
 pub struct Sensors {
     left: Sensor,
     right: Sensor,
+    settings: SensorSettings,
 }
 
 impl Sensors {
     /// Takes the buses of the sensors, which are not set up yet.
     pub fn new(left: Bus, right: Bus, rig: &Rig) -> Self {
         Self {
-            left: Sensor::new("left", left, rig.line_us),
-            right: Sensor::new("right", right, rig.line_us),
+            left: Sensor::new("left", left),
+            right: Sensor::new("right", right),
+            settings: SensorSettings {
+                window: QVGA_WINDOW,
+                clock_hz: CLOCK_HZ,
+                line_us: rig.line_us,
+                frame_lines: FRAME_LINES,
+                exposure_us: EXPOSURE_US,
+                gain_q4: 16,
+                sync: FrameSync::Triggered,
+                test_pattern: TestPattern::Off,
+            },
         }
     }
 
@@ -76,8 +112,8 @@ impl Sensors {
     /// # Errors
     /// [`NotReady`] if a sensor does not answer or is none.
     pub fn make_ready(&mut self) -> Result<(), NotReady> {
-        self.left.make_ready()?;
-        self.right.make_ready()
+        self.left.make_ready(&self.settings)?;
+        self.right.make_ready(&self.settings)
     }
 
     /// Returns whether both sensors are still as they were set up. The port sees neither that the
@@ -90,9 +126,7 @@ impl Sensors {
 /// One sensor.
 struct Sensor {
     name: &'static str,
-    device: Hm01b0<Bus>,
-    /// Period of a line, us.
-    line_us: u32,
+    device: Hm01b0<SensorBus>,
     /// Whether it was set up and has answered since.
     is_up: bool,
     /// Number of times that it was set up.
@@ -102,34 +136,31 @@ struct Sensor {
 }
 
 impl Sensor {
-    fn new(name: &'static str, bus: Bus, line_us: u32) -> Self {
+    fn new(name: &'static str, bus: Bus) -> Self {
         Self {
             name,
-            device: Hm01b0::new(bus),
-            line_us,
+            device: Hm01b0::new(SensorBus(bus)),
             is_up: false,
             setups: 0,
             failures: 0,
         }
     }
 
-    /// Whether it was set up and still waits for its trigger. One that was unplugged has forgotten
-    /// its mode.
+    /// Whether it was set up and still waits for its trigger.
     fn is_ready(&mut self) -> bool {
         let was_up = self.is_up;
-        self.is_up =
-            was_up && self.device.read_register(registers::MODE_SELECT) == Ok(Mode::Trigger as u8);
+        self.is_up = was_up && self.device.is_set_up() == Ok(true);
         if was_up && !self.is_up {
             defmt::warn!("the {} sensor was lost", self.name);
         }
         self.is_up
     }
 
-    fn make_ready(&mut self) -> Result<(), NotReady> {
+    fn make_ready(&mut self, settings: &SensorSettings) -> Result<(), NotReady> {
         if self.is_ready() {
             return Ok(());
         }
-        match set_up(&mut self.device, self.line_us) {
+        match self.device.set_up(settings, &mut Delay) {
             Ok(()) => {
                 self.is_up = true;
                 self.setups = self.setups.saturating_add(1);
@@ -140,43 +171,11 @@ impl Sensor {
                 self.failures = self.failures.saturating_add(1);
                 let failures = self.failures;
                 defmt::warn!("no {} sensor, failure {}: {}", self.name, failures, error);
-                Err(match error {
-                    Error::I2c(error) => NotReady {
-                        kind: ErrorKind::Bus,
-                        is_absent: error == i2c::Error::Nack,
-                    },
-                    _ => NotReady {
-                        kind: ErrorKind::Other,
-                        is_absent: true,
-                    },
+                Err(NotReady {
+                    kind: error.kind(),
+                    is_absent: !matches!(error, SensorError::Bus(_)),
                 })
             }
         }
     }
-}
-
-/// Sets a sensor up with this period of a line, us, and leaves it waiting for its trigger.
-fn set_up(sensor: &mut Hm01b0<Bus>, line_us: u32) -> Result<(), Error<i2c::Error>> {
-    sensor.init(&mut Delay)?;
-    sensor.modify_register(registers::OSC_CLK_DIV, |bits| {
-        bits & !(GATED_CLOCK | CLOCK_DIVIDER) | DIVIDED_BY_2
-    })?;
-    let line_clocks = (line_us * PIXEL_CLOCKS_PER_MS / 1000).min(u16::MAX.into()) as u16;
-    let [line_high, line_low] = line_clocks.to_be_bytes();
-    let [frame_high, frame_low] = FRAME_LINES.to_be_bytes();
-    for (register, value) in [
-        (QVGA_WINDOW, 1),
-        (LINE_LENGTH_HIGH, line_high),
-        (LINE_LENGTH_LOW, line_low),
-        (FRAME_LENGTH_LINES_HIGH, frame_high),
-        (FRAME_LENGTH_LINES_LOW, frame_low),
-    ] {
-        sensor.write_register(register, value)?;
-    }
-    sensor.set_exposure(&Exposure {
-        integration_lines: (EXPOSURE_US / line_us) as u16,
-        analog_gain: 0,
-        digital_gain: 0x100,
-    })?;
-    sensor.set_mode(Mode::Trigger)
 }
