@@ -22,7 +22,7 @@ struct Layers {
     allowed: &'static [(&'static str, &'static str, &'static str)],
 }
 
-const CRATES: [Layers; 5] = [
+const CRATES: [Layers; 6] = [
     Layers {
         sources: "core/src",
         rooms: &[
@@ -44,6 +44,16 @@ const CRATES: [Layers; 5] = [
             &["cases"],
             &["aarch64", "armv7em", "x86_64"],
             &["rv32", "native"],
+        ],
+        allowed: &[],
+    },
+    Layers {
+        sources: "firmware/link/src",
+        rooms: &[
+            &["pack", "packet"],
+            &["message"],
+            &["board", "host"],
+            &["assembler", "decoder", "encoder"],
         ],
         allowed: &[],
     },

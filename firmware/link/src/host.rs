@@ -1,0 +1,137 @@
+//! Messages from the host to the board.
+
+use serde::{Deserialize, Serialize};
+
+use crate::message::{Body, Message, ReadError, Region, Streams, WriteError, fields, only_fields};
+
+/// A command to the board, which it answers with
+/// [`BoardMessage::Answer`](crate::BoardMessage::Answer).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum HostMessage<'a> {
+    /// Send frames from the next on.
+    Start,
+    /// Send no more frames.
+    Stop,
+    /// Send this from the next frame on.
+    Select(Selection),
+    /// A piece of a calibration. The first has the offset 0, and each begins where the one before
+    /// ended.
+    CalibrationPiece(CalibrationPiece<'a>),
+    /// Check and store the calibration whose pieces have come; it is used from the next start on.
+    CalibrationCommit {
+        /// Bytes of the calibration.
+        total_bytes: u32,
+        /// CRC-32 of all of them.
+        crc32: u32,
+    },
+    /// Forget the pieces that have come.
+    CalibrationDiscard,
+    /// Use these parameters from the next frame on.
+    Parameters(Parameters),
+    /// Set all counters to 0.
+    ResetCounters,
+    /// Send a hello.
+    SendHello,
+}
+
+/// What the board is to send.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Selection {
+    /// The streams.
+    pub streams: Streams,
+    /// Every how many frames one is sent, at least 1.
+    pub every_frames: u16,
+    /// The part of the frame to send, in which whole frames are matched nevertheless; `None` for all.
+    pub region: Option<Region>,
+}
+
+/// A piece of a calibration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CalibrationPiece<'a> {
+    /// Bytes of the whole calibration.
+    pub total_bytes: u32,
+    /// CRC-32 of the whole calibration.
+    pub crc32: u32,
+    /// Place of the piece in it.
+    pub offset_bytes: u32,
+    /// The bytes of the piece.
+    pub bytes: &'a [u8],
+}
+
+/// Parameters that neither memory nor latency depend on. `None` leaves one as it is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Parameters {
+    /// Uniqueness: smallest margin between the sums of the best and the second best disparity.
+    pub margin: Option<i16>,
+    /// Largest difference between the disparities of the two views, px.
+    pub left_right_tolerance_px: Option<u8>,
+    /// Smallest texture of a pixel that is not in doubt, levels.
+    pub texture_min: Option<u16>,
+    /// Regions of fewer pixels are rejected. Without effect if the preset has no speckle removal.
+    pub speckle_size_min: Option<u8>,
+    /// Largest difference between neighbours of one region, 1/16 px.
+    pub speckle_step_q4: Option<u8>,
+    /// Smallest confidence of a disparity that is sent; those below become none. 0 sends all.
+    pub confidence_min: Option<u8>,
+    /// Whether disparities that were not found are filled in.
+    pub dense: Option<bool>,
+}
+
+impl<'a> Message<'a> for HostMessage<'a> {
+    fn kind(&self) -> u8 {
+        match self {
+            Self::Start => 65,
+            Self::Stop => 66,
+            Self::Select(_) => 67,
+            Self::CalibrationPiece(_) => 68,
+            Self::CalibrationCommit { .. } => 69,
+            Self::CalibrationDiscard => 70,
+            Self::Parameters(_) => 71,
+            Self::ResetCounters => 72,
+            Self::SendHello => 73,
+        }
+    }
+
+    fn write(&self, body: &mut Body<'_>) -> Result<(), WriteError> {
+        match self {
+            Self::Start
+            | Self::Stop
+            | Self::CalibrationDiscard
+            | Self::ResetCounters
+            | Self::SendHello => Ok(()),
+            Self::Select(selection) => body.fields(selection),
+            Self::CalibrationPiece(piece) => {
+                body.fields(&(piece.total_bytes, piece.crc32, piece.offset_bytes))?;
+                body.bytes(piece.bytes)
+            }
+            Self::CalibrationCommit { total_bytes, crc32 } => body.fields(&(total_bytes, crc32)),
+            Self::Parameters(parameters) => body.fields(parameters),
+        }
+    }
+
+    fn read(kind: u8, body: &'a [u8]) -> Result<Self, ReadError> {
+        Ok(match kind {
+            65 => only_fields(body).map(|()| Self::Start)?,
+            66 => only_fields(body).map(|()| Self::Stop)?,
+            67 => Self::Select(only_fields(body)?),
+            68 => {
+                let ((total_bytes, crc32, offset_bytes), bytes) = fields(body)?;
+                Self::CalibrationPiece(CalibrationPiece {
+                    total_bytes,
+                    crc32,
+                    offset_bytes,
+                    bytes,
+                })
+            }
+            69 => {
+                let (total_bytes, crc32) = only_fields(body)?;
+                Self::CalibrationCommit { total_bytes, crc32 }
+            }
+            70 => only_fields(body).map(|()| Self::CalibrationDiscard)?,
+            71 => Self::Parameters(only_fields(body)?),
+            72 => only_fields(body).map(|()| Self::ResetCounters)?,
+            73 => only_fields(body).map(|()| Self::SendHello)?,
+            _ => return Err(ReadError::Unknown),
+        })
+    }
+}
