@@ -13,6 +13,7 @@ use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_core::{Method, Output, Reference};
 use vgstereo_firmware::scripted::FaultKind;
+use vgstereo_link::{BoardMessage, Encoder, HostMessage, Line, Reason, Values};
 use vgstereo_sim::calibration::{Options, rectify};
 use vgstereo_sim::files::encode;
 use vgstereo_sim::pfm::Pfm;
@@ -25,6 +26,8 @@ fn main() -> Result<()> {
         ("truth_and_masks", truth_and_masks()?),
         ("session", sessions()?),
         ("matcher", matchers()?),
+        ("link_decoder", link_decoders()?),
+        ("link_lines", link_lines()),
         ("rectification", rectifications(&corpora)?),
     ];
     for (target, seeds) in seeds {
@@ -264,6 +267,72 @@ fn matchers() -> Result<Seeds> {
             case.pair.width * case.pair.height == 1
         })?,
     ])
+}
+
+/// Streams of packets, and contents of packets that the target frames, with 255 between them.
+fn link_decoders() -> Result<Seeds> {
+    let mut memory = [0; 400];
+    let mut encoder = Encoder::new(&mut memory);
+    let line = BoardMessage::Disparities(Line {
+        frame: 1,
+        line: 2,
+        column: 3,
+        values: Values::Plain(&[160, 161, i16::MIN, 900, 159, 158]),
+    });
+    let aborted = BoardMessage::FrameAborted {
+        frame: 1,
+        reason: Reason::Sequence,
+    };
+    let mut stream = vec![0];
+    for message in [&line, &aborted, &line] {
+        stream.extend_from_slice(encoder.encode(1000, message)?);
+    }
+    stream.extend_from_slice(encoder.encode(1000, &HostMessage::Stop)?);
+    // Version, kind, sequence number and time, then the body.
+    let hello: &[u8] =
+        b"\x01\x01\x00\x05\x01d\x01f\x10\x08\x00\x10\x08\x01\x01p\x00\x10\x02\x04\x00\x01\x00";
+    let board = [
+        hello,
+        &[1, 2, 1, 5, 9, 70, 0, 0, 8, 4],
+        &[1, 5, 2, 5, 9, 0, 0, 4, 1, 0x63, 0x10],
+        &[1, 6, 3, 5, 9, 0, 0, 4, 0, 7, 8, 9, 10],
+        &[1, 7, 4, 5, 9, 0, 0, 5, 1, 0xdf, 0xe, 1, 0],
+        &[1, 8, 5, 5, 9, 0, 0, 1, 0, 2, 0, 3, 0],
+        &[1, 9, 6, 5, 9, 70, 0, 0, 0, 0, 0, 0, 0, 0, 9, 4, 1, 0xf],
+        &[1, 10, 7, 5, 9, 0, 0, 1, 2, 3, 4],
+        &[1, 3, 9, 5, 9],
+        &[1, 13, 9, 5, 0, 1, b't'],
+        &[2, 13, 100, 5, 0, 1, b't'],
+        &[1, 14, 10, 5, 9, 3],
+    ];
+    let host: [&[u8]; 6] = [
+        &[1, 73, 0, 5],
+        &[1, 67, 1, 5, 4, 2, 1, 0, 0, 8, 4],
+        &[1, 68, 2, 5, 4, 9, 0, 1, 2, 3, 4],
+        &[1, 69, 3, 5, 4, 9],
+        &[1, 71, 4, 5, 1, 48, 0, 0, 1, 8, 0, 0, 1, 1],
+        &[1, 65, 5, 5],
+    ];
+    Ok(vec![
+        ("stream".to_owned(), after(7, stream)),
+        ("board".to_owned(), after(200, board.join(&255))),
+        ("host".to_owned(), after(1, host.join(&255))),
+    ])
+}
+
+/// Lines of values, and packed lines of as many values as the first byte says.
+fn link_lines() -> Seeds {
+    let values = [300_i16, 301, i16::MIN, 299, 299, 1200, 1201, 0, -1, -1, -1];
+    let values = values.iter().flat_map(|value| value.to_le_bytes());
+    vec![
+        ("values".to_owned(), after(0, values.collect())),
+        ("packed-plain".to_owned(), after(2, vec![0, 1, 2, 3, 4])),
+        (
+            "packed-groups".to_owned(),
+            after(6, vec![1, 0x63, 0x10, 0xdf, 0xe, 1, 0]),
+        ),
+        ("packed-nothing".to_owned(), after(8, vec![1, 0xff])),
+    ]
 }
 
 /// Rectifications of the calibrations of text.

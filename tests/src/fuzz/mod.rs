@@ -7,6 +7,8 @@
 
 pub mod calibration;
 pub mod images;
+pub mod link_decoder;
+pub mod link_lines;
 pub mod matcher;
 pub mod meta;
 pub mod parameters;
@@ -18,9 +20,11 @@ pub mod truth_and_masks;
 pub type Target = fn(&[u8]);
 
 /// The names of the targets, which are also those of their corpora, and their functions.
-pub const TARGETS: [(&str, Target); 8] = [
+pub const TARGETS: [(&str, Target); 10] = [
     ("calibration", calibration::run),
     ("images", images::run),
+    ("link_decoder", link_decoder::run),
+    ("link_lines", link_lines::run),
     ("matcher", matcher::run),
     ("meta", meta::run),
     ("parameters", parameters::run),
