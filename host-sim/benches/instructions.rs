@@ -1,4 +1,4 @@
-//! Instructions of a frame and of its kernels, counted by Valgrind: the same in every run,
+//! Instructions of a frame and of its kernels, and of sending and receiving its disparities, counted by Valgrind: the same in every run,
 //! whatever else the machine does, so that a small regression shows.
 //!
 //! `cargo bench --bench instructions` counts, compares with `instructions.txt` beside this file
@@ -11,8 +11,11 @@ use std::path::Path;
 use std::process::{Command, ExitCode};
 
 use anyhow::{Context, Result, ensure};
-use vgstereo_core::{Config, DisparityRange, Preset};
+use vgstereo_core::{Config, DisparityLine, DisparityRange, Preset};
 use vgstereo_kernels::NativeKernels;
+use vgstereo_link::{
+    BoardMessage, Decoder, Encoder, Line, PixelFormat, Streams, Values, memory_bytes,
+};
 use vgstereo_sim::frame::{Matched, match_frame};
 use vgstereo_sim::render::{RenderOptions, render};
 use vgstereo_sim::views::Views;
@@ -36,13 +39,16 @@ const KERNELS: [&str; 9] = [
     "weighted_median_row",
 ];
 
+/// What is counted besides the presets: the link's two ends for the disparities of a frame.
+const LINK: [&str; 2] = ["link-send", "link-receive"];
+
 /// A count that grew by more than this is a regression, percent.
 const TOLERANCE_PERCENT: f64 = 2.0;
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let outcome = match arguments.as_slice() {
-        [word, preset] if word == MEASURED => frame(preset).map(|()| true),
+        [word, subject] if word == MEASURED => measure(subject).map(|()| true),
         arguments => report(arguments.iter().any(|argument| argument == "--save")),
     };
     match outcome {
@@ -55,9 +61,14 @@ fn main() -> ExitCode {
     }
 }
 
-/// What runs under Valgrind: a frame of the built-in scene.
-fn frame(preset: &str) -> Result<()> {
-    let preset: Preset = preset.parse()?;
+/// What runs under Valgrind: a frame of the built-in scene with a preset, or the link with that of
+/// `lite`.
+fn measure(subject: &str) -> Result<()> {
+    let preset: Preset = if LINK.contains(&subject) {
+        Preset::Lite
+    } else {
+        subject.parse()?
+    };
     let scene = render(&RenderOptions {
         width: WIDTH.into(),
         height: HEIGHT.into(),
@@ -69,17 +80,75 @@ fn frame(preset: &str) -> Result<()> {
         colour: views.has_colour(),
         ..Config::new(preset.parameters(), WIDTH, DisparityRange::up_to(D_MAX))
     };
-    black_box(measured_frame(&config, &views)?);
+    if !LINK.contains(&subject) {
+        black_box(measured_frame(&config, &views)?);
+        return Ok(());
+    }
+    let matched = match_frame(&config, &views, portable()?, 1)?;
+    let mut memory = [0; memory_bytes(WIDTH, PixelFormat::Grey8, Streams::DISPARITIES)];
+    let mut encoder = Encoder::new(&mut memory);
+    if subject == LINK[0] {
+        let bytes = measured_frame_sent(&mut encoder, &matched);
+        ensure!(black_box(bytes) > 0, "a frame does not fit the link");
+        return Ok(());
+    }
+    let mut stream = Vec::new();
+    for line in matched.lines(WIDTH) {
+        stream.extend_from_slice(encoder.encode(0, &message(&line))?);
+    }
+    let mut memory = [0; memory_bytes(WIDTH, PixelFormat::Grey8, Streams::DISPARITIES)];
+    let lines = measured_frame_received(&mut Decoder::new(&mut memory), &stream);
+    ensure!(lines == u32::from(HEIGHT), "lines are lost");
     Ok(())
+}
+
+/// The lines of a frame of disparities, as packets.
+#[inline(never)]
+fn measured_frame_sent(encoder: &mut Encoder<'_>, matched: &Matched) -> usize {
+    let mut bytes = 0;
+    // No closure, whose name would have that of this function.
+    for line in matched.lines(WIDTH) {
+        bytes += encoder.encode(0, &message(&line)).map_or(0, <[u8]>::len);
+    }
+    bytes
+}
+
+/// The number of lines that these bytes have, each of which is unpacked.
+#[inline(never)]
+fn measured_frame_received(decoder: &mut Decoder<'_>, mut stream: &[u8]) -> u32 {
+    let mut values = [0; WIDTH as usize];
+    let mut lines = 0;
+    while let Some(received) = decoder.next::<BoardMessage<'_>>(&mut stream) {
+        let Ok(packet) = received else { continue };
+        if let BoardMessage::Disparities(line) = packet.message
+            && line.values.unpack(&mut values).is_ok()
+        {
+            black_box(&values);
+            lines += 1;
+        }
+    }
+    lines
+}
+
+fn message<'a>(line: &DisparityLine<'a>) -> BoardMessage<'a> {
+    BoardMessage::Disparities(Line {
+        frame: 0,
+        line: line.line,
+        column: line.column,
+        values: Values::Plain(line.disparities_q4),
+    })
+}
+
+fn portable() -> Result<NativeKernels> {
+    NativeKernels::available().next().context("no kernel set")
 }
 
 #[inline(never)]
 fn measured_frame(config: &Config, views: &Views) -> Result<Matched> {
-    let portable = NativeKernels::available().next().context("no kernel set")?;
-    Ok(match_frame(config, views, portable, 1)?)
+    Ok(match_frame(config, views, portable()?, 1)?)
 }
 
-/// Counts all presets; whether none of the counts grew.
+/// Counts all presets and the link; whether none of the counts grew.
 fn report(save: bool) -> Result<bool> {
     let stored = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/instructions.txt");
     let before: BTreeMap<String, u64> = std::fs::read_to_string(&stored)
@@ -96,9 +165,10 @@ fn report(save: bool) -> Result<bool> {
     );
     let pixel_disparities = f64::from(WIDTH) * f64::from(HEIGHT) * f64::from(D_MAX + 1);
     let (mut text, mut holds) = (String::new(), true);
-    for preset in Preset::ALL {
-        for (name, count) in counts(preset)? {
-            let name = format!("{preset} {name}");
+    let presets = Preset::ALL.map(Preset::name);
+    for subject in presets.into_iter().chain(LINK) {
+        for (name, count) in counts(subject)? {
+            let name = format!("{subject} {name}");
             let change = before.get(&name).map(|&before| {
                 let change = 100.0 * (count as f64 / before as f64 - 1.0);
                 holds &= change <= TOLERANCE_PERCENT;
@@ -120,7 +190,7 @@ fn report(save: bool) -> Result<bool> {
 }
 
 /// Instructions of the whole frame and, among them, of each kernel.
-fn counts(preset: Preset) -> Result<Vec<(&'static str, u64)>> {
+fn counts(subject: &str) -> Result<Vec<(&'static str, u64)>> {
     let folder = tempfile::tempdir()?;
     let profile = folder.path().join("callgrind.out");
     let run = |command: &mut Command| -> Result<String> {
@@ -135,7 +205,7 @@ fn counts(preset: Preset) -> Result<Vec<(&'static str, u64)>> {
         .arg(format!("--callgrind-out-file={}", profile.display()))
         .arg(format!("--toggle-collect=*{MEASURED}*"))
         .arg(std::env::current_exe()?)
-        .args([MEASURED, preset.name()]))?;
+        .args([MEASURED, subject]))?;
     let annotated = run(Command::new("callgrind_annotate")
         .args(["--inclusive=yes", "--threshold=100"])
         .arg(&profile))?;
