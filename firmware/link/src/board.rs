@@ -11,7 +11,7 @@ use crate::pack::Values;
 /// A message from the board.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum BoardMessage<'a> {
-    /// What the board is and does. It also says that its sequence numbers may begin anew.
+    /// Introduction of the board, the first message after its start: sequence numbers may begin anew with it.
     Hello(Hello<'a>),
     /// A frame begins.
     FrameBegun(FrameBegun),
@@ -42,7 +42,7 @@ pub enum BoardMessage<'a> {
     RawPair(LinePair<'a>),
     /// A pair of rectified lines.
     RectifiedPair(LinePair<'a>),
-    /// What the board has counted.
+    /// Counters of the board's session and of its end of the link.
     Statistics(Statistics),
     /// A line of a log.
     Log {
@@ -51,16 +51,16 @@ pub enum BoardMessage<'a> {
         /// The text, without an end of line.
         text: &'a str,
     },
-    /// What became of a command.
+    /// Result of a command of the host.
     Answer {
         /// Sequence number of the host's packet.
         sequence: u32,
-        /// What became of it.
+        /// Result of the command.
         outcome: Outcome,
     },
 }
 
-/// What a board is and does.
+/// Introduction of a board: its names, the lines that it takes and matches, and what it can send.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Hello<'a> {
     /// Name of the device.
@@ -217,7 +217,7 @@ impl<'a> LinePair<'a> {
     }
 }
 
-/// What a board has counted since it began or was told to count anew. Counters saturate.
+/// Counters of a board since its start or the last reset by the host. Counters saturate.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Statistics {
     /// Counters of the session.
@@ -289,7 +289,7 @@ byte_enum! {
 }
 
 byte_enum! {
-    /// What became of a command.
+    /// Result of a command of the host.
     Outcome, else Refused, {
         /// It was carried out.
         Done = 0,

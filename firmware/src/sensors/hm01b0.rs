@@ -207,7 +207,7 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensors::testing::{are_refused, each_step_may_fail, on_bus};
+    use crate::sensors::testing::{are_refused, each_step_may_fail, on_bus, out_of_bounds};
     use embedded_hal_mock::eh1::delay::{CheckedDelay, NoopDelay, Transaction as Delay};
     use embedded_hal_mock::eh1::i2c::{Mock, Transaction};
     use std::vec;
@@ -424,13 +424,6 @@ mod tests {
 
     #[test]
     fn what_the_sensor_cannot_do_is_refused_before_anything_is_written() {
-        let out = |setting, value, min, max, step| SettingError::OutOfBounds {
-            setting,
-            value,
-            min,
-            max,
-            step,
-        };
         let triggered = |window: Window| SensorSettings {
             window,
             ..TRIGGERED
@@ -440,36 +433,42 @@ mod tests {
             left_px: 2,
             ..QVGA_WINDOW
         };
-        cases.push((triggered(moved), out(Setting::Left, 2, 0, 0, 1)));
+        cases.push((triggered(moved), out_of_bounds(Setting::Left, 2, 0, 0, 1)));
         let lowered = Window {
             top_px: 40,
             ..QVGA_WINDOW
         };
-        cases.push((triggered(lowered), out(Setting::Top, 40, 0, 0, 1)));
+        cases.push((triggered(lowered), out_of_bounds(Setting::Top, 40, 0, 0, 1)));
         let narrow = Window {
             width_px: 320,
             ..QVGA_WINDOW
         };
-        cases.push((triggered(narrow), out(Setting::Width, 320, 324, 324, 1)));
+        cases.push((
+            triggered(narrow),
+            out_of_bounds(Setting::Width, 320, 324, 324, 1),
+        ));
         for height_px in [0, 240, 245, 404] {
             let window = Window {
                 height_px,
                 ..QVGA_WINDOW
             };
-            let error = out(Setting::Height, height_px.into(), 244, 324, 80);
+            let error = out_of_bounds(Setting::Height, height_px.into(), 244, 324, 80);
             cases.push((triggered(window), error));
         }
         let binned = Window {
             binning: Binning::Four,
             ..QVGA_WINDOW
         };
-        cases.push((triggered(binned), out(Setting::Binning, 4, 1, 2, 1)));
+        cases.push((
+            triggered(binned),
+            out_of_bounds(Setting::Binning, 4, 1, 2, 1),
+        ));
         for clock_hz in [0, 1] {
             let settings = SensorSettings {
                 clock_hz,
                 ..TRIGGERED
             };
-            let error = out(Setting::Clock, clock_hz, 2, u32::MAX, 1);
+            let error = out_of_bounds(Setting::Clock, clock_hz, 2, u32::MAX, 1);
             cases.push((settings, error));
         }
         // 376 and 65 535 px at 4 MHz.
@@ -478,7 +477,10 @@ mod tests {
                 line_us,
                 ..TRIGGERED
             };
-            cases.push((settings, out(Setting::Line, line_us, 94, 16_383, 1)));
+            cases.push((
+                settings,
+                out_of_bounds(Setting::Line, line_us, 94, 16_383, 1),
+            ));
         }
         for (window, least) in [(QVGA_WINDOW, 260), (FULL_WINDOW, 344)] {
             let settings = SensorSettings {
@@ -486,7 +488,7 @@ mod tests {
                 ..triggered(window)
             };
             let (value, min) = ((least - 1).into(), least.into());
-            let error = out(Setting::FrameLines, value, min, 65_535, 1);
+            let error = out_of_bounds(Setting::FrameLines, value, min, 65_535, 1);
             cases.push((settings, error));
         }
         // 2 lines, and 260 - 2.
@@ -495,7 +497,7 @@ mod tests {
                 exposure_us,
                 ..TRIGGERED
             };
-            let error = out(Setting::Exposure, exposure_us, 7500, 967_500, 1);
+            let error = out_of_bounds(Setting::Exposure, exposure_us, 7500, 967_500, 1);
             cases.push((settings, error));
         }
         for gain_q4 in [0, 15, 497, u16::MAX] {
@@ -503,7 +505,10 @@ mod tests {
                 gain_q4,
                 ..TRIGGERED
             };
-            cases.push((settings, out(Setting::Gain, gain_q4.into(), 16, 496, 1)));
+            cases.push((
+                settings,
+                out_of_bounds(Setting::Gain, gain_q4.into(), 16, 496, 1),
+            ));
         }
         let sync = FrameSync::Slave;
         let settings = SensorSettings { sync, ..TRIGGERED };

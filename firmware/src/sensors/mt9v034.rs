@@ -235,7 +235,7 @@ fn registers(settings: &SensorSettings) -> Result<[(u8, u16); 16], SettingError>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensors::testing::{are_refused, each_step_may_fail, on_bus};
+    use crate::sensors::testing::{are_refused, each_step_may_fail, on_bus, out_of_bounds};
     use embedded_hal_mock::eh1::delay::NoopDelay;
     use embedded_hal_mock::eh1::i2c::{Mock, Transaction};
     use rand_core::{Rng, SeedableRng};
@@ -440,13 +440,6 @@ mod tests {
 
     #[test]
     fn what_the_sensor_cannot_do_is_refused_before_anything_is_written() {
-        let out = |setting, value, min, max, step| SettingError::OutOfBounds {
-            setting,
-            value,
-            min,
-            max,
-            step,
-        };
         let whole = |window: Window| SensorSettings { window, ..WHOLE };
         let mut cases = vec![];
         for width_px in [0, 753, u16::MAX] {
@@ -454,7 +447,7 @@ mod tests {
                 width_px,
                 ..FULL_WINDOW
             };
-            let error = out(Setting::Width, width_px.into(), 1, 752, 1);
+            let error = out_of_bounds(Setting::Width, width_px.into(), 1, 752, 1);
             cases.push((whole(window), error));
         }
         let binned = Window {
@@ -462,27 +455,30 @@ mod tests {
             binning: Binning::Four,
             ..FULL_WINDOW
         };
-        cases.push((whole(binned), out(Setting::Height, 478, 4, 480, 4)));
+        cases.push((
+            whole(binned),
+            out_of_bounds(Setting::Height, 478, 4, 480, 4),
+        ));
         let moved = Window {
             left_px: 1,
             ..FULL_WINDOW
         };
-        cases.push((whole(moved), out(Setting::Left, 1, 0, 0, 1)));
+        cases.push((whole(moved), out_of_bounds(Setting::Left, 1, 0, 0, 1)));
         let lowered = Window {
             top_px: 300,
             height_px: 240,
             ..FULL_WINDOW
         };
-        cases.push((whole(lowered), out(Setting::Top, 300, 0, 240, 1)));
+        cases.push((whole(lowered), out_of_bounds(Setting::Top, 300, 0, 240, 1)));
         for clock_hz in [0, 12_999_999, 27_000_001, u32::MAX] {
             let settings = SensorSettings { clock_hz, ..WHOLE };
-            let error = out(Setting::Clock, clock_hz, 13_000_000, 27_000_000, 1);
+            let error = out_of_bounds(Setting::Clock, clock_hz, 13_000_000, 27_000_000, 1);
             cases.push((settings, error));
         }
         // 752 + 61 clocks are 30.1 us, and 752 + 1023 are 65.7 us.
         for line_us in [0, 30, 66, u32::MAX] {
             let settings = SensorSettings { line_us, ..WHOLE };
-            cases.push((settings, out(Setting::Line, line_us, 31, 65, 1)));
+            cases.push((settings, out_of_bounds(Setting::Line, line_us, 31, 65, 1)));
         }
         // Of a narrow window the line is 704 clocks at least, 26.1 us.
         let narrow = Window {
@@ -493,13 +489,13 @@ mod tests {
             line_us: 26,
             ..whole(narrow)
         };
-        cases.push((settings, out(Setting::Line, 26, 27, 49, 1)));
+        cases.push((settings, out_of_bounds(Setting::Line, 26, 27, 49, 1)));
         for frame_lines in [0, 483, 32_769, u16::MAX] {
             let settings = SensorSettings {
                 frame_lines,
                 ..WHOLE
             };
-            let error = out(Setting::FrameLines, frame_lines.into(), 484, 32_768, 1);
+            let error = out_of_bounds(Setting::FrameLines, frame_lines.into(), 484, 32_768, 1);
             cases.push((settings, error));
         }
         // 2 rows of 32 us, and 525 - 2 (EQ 1, p. 15).
@@ -508,12 +504,15 @@ mod tests {
                 exposure_us,
                 ..WHOLE
             };
-            let error = out(Setting::Exposure, exposure_us, 64, 16_736, 1);
+            let error = out_of_bounds(Setting::Exposure, exposure_us, 64, 16_736, 1);
             cases.push((settings, error));
         }
         for gain_q4 in [0, 15, 65, u16::MAX] {
             let settings = SensorSettings { gain_q4, ..WHOLE };
-            cases.push((settings, out(Setting::Gain, gain_q4.into(), 16, 64, 1)));
+            cases.push((
+                settings,
+                out_of_bounds(Setting::Gain, gain_q4.into(), 16, 64, 1),
+            ));
         }
         let settings = SensorSettings {
             test_pattern: TestPattern::ColourBars,

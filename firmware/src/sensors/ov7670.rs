@@ -281,7 +281,7 @@ fn registers(settings: &SensorSettings) -> Result<[(u8, u8); 30], SettingError> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensors::testing::{are_refused, each_step_may_fail, on_bus};
+    use crate::sensors::testing::{are_refused, each_step_may_fail, on_bus, out_of_bounds};
     use embedded_hal_mock::eh1::delay::{CheckedDelay, NoopDelay, Transaction as Delay};
     use embedded_hal_mock::eh1::i2c::{Mock, Transaction};
     use rand_core::{Rng, SeedableRng};
@@ -460,26 +460,19 @@ mod tests {
 
     #[test]
     fn what_the_sensor_cannot_do_is_refused_before_anything_is_written() {
-        let out = |setting, value, min, max, step| SettingError::OutOfBounds {
-            setting,
-            value,
-            min,
-            max,
-            step,
-        };
         let whole = |window: Window| SensorSettings { window, ..WHOLE };
         let mut cases = vec![];
         let binned = Window {
             binning: Binning::Four,
             ..FULL_WINDOW
         };
-        cases.push((whole(binned), out(Setting::Binning, 4, 1, 2, 1)));
+        cases.push((whole(binned), out_of_bounds(Setting::Binning, 4, 1, 2, 1)));
         for width_px in [0, 3, 642, u16::MAX] {
             let window = Window {
                 width_px,
                 ..FULL_WINDOW
             };
-            let error = out(Setting::Width, width_px.into(), 2, 640, 2);
+            let error = out_of_bounds(Setting::Width, width_px.into(), 2, 640, 2);
             cases.push((whole(window), error));
         }
         let odd = Window {
@@ -487,34 +480,37 @@ mod tests {
             binning: Binning::Two,
             ..FULL_WINDOW
         };
-        cases.push((whole(odd), out(Setting::Height, 239, 2, 480, 2)));
+        cases.push((whole(odd), out_of_bounds(Setting::Height, 239, 2, 480, 2)));
         let moved = Window {
             left_px: 2,
             ..FULL_WINDOW
         };
-        cases.push((whole(moved), out(Setting::Left, 2, 0, 0, 2)));
+        cases.push((whole(moved), out_of_bounds(Setting::Left, 2, 0, 0, 2)));
         let lowered = Window {
             top_px: 241,
             height_px: 240,
             ..FULL_WINDOW
         };
-        cases.push((whole(lowered), out(Setting::Top, 241, 0, 240, 1)));
+        cases.push((whole(lowered), out_of_bounds(Setting::Top, 241, 0, 240, 1)));
         for clock_hz in [0, 9_999_999, 48_000_001, u32::MAX] {
             let settings = SensorSettings { clock_hz, ..WHOLE };
-            let error = out(Setting::Clock, clock_hz, 10_000_000, 48_000_000, 1);
+            let error = out_of_bounds(Setting::Clock, clock_hz, 10_000_000, 48_000_000, 1);
             cases.push((settings, error));
         }
         // 784 x 2 clocks are 65.3 us; 4879 x 2 x 64 are 26 021.3 us.
         for line_us in [0, 65, 26_022, u32::MAX] {
             let settings = SensorSettings { line_us, ..WHOLE };
-            cases.push((settings, out(Setting::Line, line_us, 66, 26_021, 1)));
+            cases.push((
+                settings,
+                out_of_bounds(Setting::Line, line_us, 66, 26_021, 1),
+            ));
         }
         for frame_lines in [0, 509] {
             let settings = SensorSettings {
                 frame_lines,
                 ..WHOLE
             };
-            let error = out(Setting::FrameLines, frame_lines.into(), 510, 65_535, 1);
+            let error = out_of_bounds(Setting::FrameLines, frame_lines.into(), 510, 65_535, 1);
             cases.push((settings, error));
         }
         for exposure_us in [0, 99, 50_801, u32::MAX] {
@@ -522,12 +518,15 @@ mod tests {
                 exposure_us,
                 ..WHOLE
             };
-            let error = out(Setting::Exposure, exposure_us, 100, 50_800, 1);
+            let error = out_of_bounds(Setting::Exposure, exposure_us, 100, 50_800, 1);
             cases.push((settings, error));
         }
         for gain_q4 in [0, 15, 497, u16::MAX] {
             let settings = SensorSettings { gain_q4, ..WHOLE };
-            cases.push((settings, out(Setting::Gain, gain_q4.into(), 16, 496, 1)));
+            cases.push((
+                settings,
+                out_of_bounds(Setting::Gain, gain_q4.into(), 16, 496, 1),
+            ));
         }
         for sync in [FrameSync::Triggered, FrameSync::Slave] {
             let settings = SensorSettings { sync, ..WHOLE };

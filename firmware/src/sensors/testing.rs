@@ -6,7 +6,7 @@ use embedded_hal::i2c::{ErrorKind, NoAcknowledgeSource};
 use embedded_hal_mock::eh1::delay::NoopDelay;
 use embedded_hal_mock::eh1::i2c::{Mock, Transaction};
 
-use super::error::{SensorError, SettingError};
+use super::error::{SensorError, Setting, SettingError};
 use super::sensor::Sensor;
 use super::settings::SensorSettings;
 
@@ -57,6 +57,23 @@ pub(super) fn each_step_may_fail<S: Sensor<BusError = ErrorKind>>(
             };
             assert_eq!(set_up, Err(expected), "step {step}");
         }
+    }
+}
+
+/// The error for a setting outside of its bounds, or between its steps.
+pub(super) fn out_of_bounds(
+    setting: Setting,
+    value: u32,
+    min: u32,
+    max: u32,
+    step: u32,
+) -> SettingError {
+    SettingError::OutOfBounds {
+        setting,
+        value,
+        min,
+        max,
+        step,
     }
 }
 

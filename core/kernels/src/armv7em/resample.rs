@@ -17,7 +17,7 @@ const BITS: u32 = 20;
 /// The levels of some columns of a raw line, and one more for the pixel to the right.
 type Window = [u8; COLUMNS + 1];
 
-/// What neighbouring raw lines have in the same columns.
+/// Levels of neighbouring raw lines, from the same columns of each.
 struct Windows<'a> {
     /// The lines from the top down, and one more for the pixels below.
     lines: [&'a Window; LINES + 1],
@@ -95,7 +95,7 @@ fn write(
 }
 
 impl<'a> Windows<'a> {
-    /// Those of no line.
+    /// Windows that have no line, before they first move.
     const NONE: Self = Self {
         lines: [&[0; COLUMNS + 1]; LINES + 1],
         left: 0,

@@ -187,7 +187,8 @@ impl Bench {
     }
 }
 
-/// What the built-in cases of a board are matched with: those of [`CASES`] and [`SPECIAL`].
+/// Returns the pairs and requests that a board is measured with unless images are named: those of [`CASES`]
+/// and [`SPECIAL`].
 fn built_in(board: &Board) -> Result<Vec<(Pair, Request)>> {
     let mut tasks = Vec::new();
     for &(of, width, height, disparities, presets) in &CASES {

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Args;
 use vgstereo_core::geometry::Rectification;
 use vgstereo_core::{DisparityRange, Reference};
@@ -38,48 +38,39 @@ impl Images {
     /// # Errors
     /// Fails with one line that names the file or option and the reason.
     pub fn pair(&self, disparities: u16) -> Result<Option<Pair>> {
-        let (Some(left), Some(right)) = (&self.left, &self.right) else {
-            let cameras = Cameras::read(&self.calibration, &self.views, None)?;
-            let Some(bytes) = cameras.rectification else {
-                return Ok(None);
-            };
-            let raw = Rectification::from_bytes(&bytes)?;
-            let (width, height) = (raw.raw_width.into(), raw.raw_height.into());
-            let pair = Pair {
+        let files = match (&self.left, &self.right) {
+            (Some(left), Some(right)) => Some((ImageFile::open(left)?, ImageFile::open(right)?)),
+            _ => None,
+        };
+        let size = files.as_ref().map(|(left, _)| left.dimensions());
+        let cameras = Cameras::read(&self.calibration, &self.views, size)?;
+        let rectification = cameras.rectification.as_deref();
+        let rectification = rectification.map(Rectification::from_bytes).transpose()?;
+        let pair = match (files, &rectification) {
+            (Some((left, right)), _) => {
+                let views = ViewImages::decode(&left, &right, None)?;
+                let name = self.left.as_ref().map(|path| path.display().to_string());
+                Pair {
+                    name: name.unwrap_or_default(),
+                    left: views.left,
+                    right: views.right,
+                    format: PixelFormat::Grey8,
+                    disparities: DisparityRange::up_to(disparities.saturating_sub(1)),
+                    rectification: None,
+                    camera: None,
+                }
+            }
+            (None, Some(raw)) => Pair {
                 name: "courtyard, raw".to_owned(),
-                camera: None,
-                ..Pair::rendered(width, height, disparities)
-            };
-            return seen_by(pair, Some(bytes)).map(Some);
+                ..Pair::rendered(raw.raw_width.into(), raw.raw_height.into(), disparities)
+            },
+            (None, None) => return Ok(None),
         };
-        let (left_file, right_file) = (ImageFile::open(left)?, ImageFile::open(right)?);
-        let size = left_file.dimensions();
-        let cameras = Cameras::read(&self.calibration, &self.views, Some(size))?;
-        let views = ViewImages::decode(&left_file, &right_file, None)?;
-        let pair = Pair {
-            camera: None,
-            rectification: None,
-            name: left.display().to_string(),
-            left: views.left,
-            right: views.right,
-            format: PixelFormat::Grey8,
-            disparities: DisparityRange::up_to(disparities.saturating_sub(1)),
-        };
-        seen_by(pair, cameras.rectification).map(Some)
+        let camera = rectification.and_then(|raw| raw.camera(Reference::Left));
+        Ok(Some(Pair {
+            camera: camera.map(|camera| (camera, None)),
+            rectification: cameras.rectification,
+            ..pair
+        }))
     }
-}
-
-/// The pair as the views of cameras with this rectification; with `None`, as it is.
-fn seen_by(pair: Pair, rectification: Option<Vec<u8>>) -> Result<Pair> {
-    let Some(bytes) = rectification else {
-        return Ok(pair);
-    };
-    let camera = Rectification::from_bytes(&bytes)
-        .context("--calibration")?
-        .camera(Reference::Left);
-    Ok(Pair {
-        camera: camera.map(|camera| (camera, None)),
-        rectification: Some(bytes),
-        ..pair
-    })
 }

@@ -1,5 +1,6 @@
 //! The packets of docs/link.md, which the tests in `tests/tests/link.rs` give to the decoder in Python.
 
+use std::fmt::Debug;
 use std::fs;
 use std::path::Path;
 
@@ -9,7 +10,8 @@ use vgstereo_link::board::{
 };
 use vgstereo_link::host::{CalibrationPiece, Parameters, Selection};
 use vgstereo_link::{
-    BoardMessage, Decoder, Encoder, HostMessage, Line, PixelFormat, Reason, Region, Streams, Values,
+    BoardMessage, Decoder, Encoder, HostMessage, Line, Message, PixelFormat, Reason, Region,
+    Streams, Values,
 };
 
 const REGION: Region = Region {
@@ -190,10 +192,8 @@ fn hex(packet: &[u8]) -> String {
     lines.collect::<Vec<_>>().join(" \\\n")
 }
 
-#[test]
-fn the_board_sends_the_packets_of_the_document_and_the_host_understands_them() {
-    let documented = packets("From the board, by number");
-    let messages = board();
+/// The packets of these messages are those of a section of the document.
+fn sent_as_documented<'a, M: Message<'a> + Debug>(messages: &[M], documented: &[Vec<u8>]) {
     let mut memory = [0; 500];
     let mut encoder = Encoder::new(&mut memory);
     for (message, number) in messages.iter().zip(0..) {
@@ -202,6 +202,13 @@ fn the_board_sends_the_packets_of_the_document_and_the_host_understands_them() {
         assert_eq!(Some(packet), expected, "{message:?} is\n{}", hex(packet));
     }
     assert_eq!(documented.len(), messages.len());
+}
+
+#[test]
+fn the_board_sends_the_packets_of_the_document_and_the_host_understands_them() {
+    let documented = packets("From the board, by number");
+    let messages = board();
+    sent_as_documented(&messages, &documented);
 
     let mut memory = [0; 500];
     let mut decoder = Decoder::new(&mut memory);
@@ -217,14 +224,7 @@ fn the_board_sends_the_packets_of_the_document_and_the_host_understands_them() {
 fn the_host_sends_the_packets_of_the_document_and_the_board_understands_them() {
     let documented = packets("To the board, by number");
     let messages = host();
-    let mut memory = [0; 500];
-    let mut encoder = Encoder::new(&mut memory);
-    for (message, number) in messages.iter().zip(0..) {
-        let packet = encoder.encode(1000 * number, message).unwrap();
-        let expected = documented.get(number as usize).map(Vec::as_slice);
-        assert_eq!(Some(packet), expected, "{message:?} is\n{}", hex(packet));
-    }
-    assert_eq!(documented.len(), messages.len());
+    sent_as_documented(&messages, &documented);
 
     let mut memory = [0; 500];
     let mut decoder = Decoder::new(&mut memory);
