@@ -52,6 +52,7 @@ const CRATES: [Layers; 6] = [
         rooms: &[
             &["pack", "packet"],
             &["message"],
+            &["settings"],
             &["board", "host"],
             &["assembler", "decoder", "encoder"],
         ],

@@ -7,6 +7,7 @@ use crate::message::{
     only_fields, values,
 };
 use crate::pack::Values;
+use crate::settings::State;
 
 /// A message from the board.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -58,6 +59,11 @@ pub enum BoardMessage<'a> {
         /// Result of the command.
         outcome: Outcome,
     },
+    /// The camera that disparities are seen with. It follows the hello if the board knows it.
+    Camera(Camera),
+    /// What the board sends and the parameters that it uses. It follows the hello, and the answer to
+    /// each command that changed one of them.
+    State(State),
 }
 
 /// Introduction of a board: its names, the lines that it takes and matches, and what it can send.
@@ -110,6 +116,23 @@ pub struct FrameBegun {
     pub timestamp_us: u64,
     /// The part of the reference view that has disparities.
     pub region: Region,
+}
+
+/// The camera of a rectified pair whose pixels have the disparities: a pinhole with square pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Camera {
+    /// Focal length, 1/256 px.
+    pub focal_q8: u32,
+    /// Column of the principal point, 1/256 px.
+    pub principal_x_q8: i32,
+    /// Line of the principal point, 1/256 px.
+    pub principal_y_q8: i32,
+    /// The product of focal length and baseline, 1/256 px mm. Divided by a disparity, with the offset
+    /// below added, it is the depth.
+    pub depth_q8: u32,
+    /// What is added to a disparity, 1/256 px: the column of the right camera's principal point less
+    /// that of the left one's.
+    pub offset_q8: i32,
 }
 
 byte_enum! {
@@ -323,6 +346,8 @@ impl<'a> Message<'a> for BoardMessage<'a> {
             Self::Statistics(_) => 12,
             Self::Log { .. } => 13,
             Self::Answer { .. } => 14,
+            Self::Camera(_) => 15,
+            Self::State(_) => 16,
         }
     }
 
@@ -353,6 +378,8 @@ impl<'a> Message<'a> for BoardMessage<'a> {
             Self::Statistics(statistics) => body.fields(statistics),
             Self::Log { level, text } => body.fields(&(level, text)),
             Self::Answer { sequence, outcome } => body.fields(&(sequence, outcome)),
+            Self::Camera(camera) => body.fields(camera),
+            Self::State(state) => body.fields(state),
         }
     }
 
@@ -405,6 +432,8 @@ impl<'a> Message<'a> for BoardMessage<'a> {
                 let (sequence, outcome) = only_fields(body)?;
                 Self::Answer { sequence, outcome }
             }
+            15 => Self::Camera(only_fields(body)?),
+            16 => Self::State(only_fields(body)?),
             _ => return Err(ReadError::Unknown),
         })
     }

@@ -1,8 +1,7 @@
 //! Messages from the host to the board.
 
-use serde::{Deserialize, Serialize};
-
-use crate::message::{Body, Message, ReadError, Region, Streams, WriteError, fields, only_fields};
+use crate::message::{Body, Message, ReadError, WriteError, fields, only_fields};
+use crate::settings::{Parameters, Selection, Source};
 
 /// A command to the board, which it answers with
 /// [`BoardMessage::Answer`](crate::BoardMessage::Answer).
@@ -32,17 +31,8 @@ pub enum HostMessage<'a> {
     ResetCounters,
     /// Send a hello.
     SendHello,
-}
-
-/// What the board is to send.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Selection {
-    /// The streams.
-    pub streams: Streams,
-    /// Every how many frames one is sent, at least 1.
-    pub every_frames: u16,
-    /// The part of the frame to send, in which whole frames are matched nevertheless; `None` for all.
-    pub region: Option<Region>,
+    /// Take lines from this source from the next frame on.
+    Source(Source),
 }
 
 /// A piece of a calibration.
@@ -58,25 +48,6 @@ pub struct CalibrationPiece<'a> {
     pub bytes: &'a [u8],
 }
 
-/// Parameters that neither memory nor latency depend on. `None` leaves one as it is.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Parameters {
-    /// Uniqueness: smallest margin between the sums of the best and the second best disparity.
-    pub margin: Option<i16>,
-    /// Largest difference between the disparities of the two views, px.
-    pub left_right_tolerance_px: Option<u8>,
-    /// Smallest texture of a pixel that is not in doubt, levels.
-    pub texture_min: Option<u16>,
-    /// Regions of fewer pixels are rejected. Without effect if the preset has no speckle removal.
-    pub speckle_size_min: Option<u8>,
-    /// Largest difference between neighbours of one region, 1/16 px.
-    pub speckle_step_q4: Option<u8>,
-    /// Smallest confidence of a disparity that is sent; those below become none. 0 sends all.
-    pub confidence_min: Option<u8>,
-    /// Whether disparities that were not found are filled in.
-    pub dense: Option<bool>,
-}
-
 impl<'a> Message<'a> for HostMessage<'a> {
     fn kind(&self) -> u8 {
         match self {
@@ -89,6 +60,7 @@ impl<'a> Message<'a> for HostMessage<'a> {
             Self::Parameters(_) => 71,
             Self::ResetCounters => 72,
             Self::SendHello => 73,
+            Self::Source(_) => 74,
         }
     }
 
@@ -106,6 +78,7 @@ impl<'a> Message<'a> for HostMessage<'a> {
             }
             Self::CalibrationCommit { total_bytes, crc32 } => body.fields(&(total_bytes, crc32)),
             Self::Parameters(parameters) => body.fields(parameters),
+            Self::Source(source) => body.fields(source),
         }
     }
 
@@ -131,6 +104,7 @@ impl<'a> Message<'a> for HostMessage<'a> {
             71 => Self::Parameters(only_fields(body)?),
             72 => only_fields(body).map(|()| Self::ResetCounters)?,
             73 => only_fields(body).map(|()| Self::SendHello)?,
+            74 => Self::Source(only_fields(body)?),
             _ => return Err(ReadError::Unknown),
         })
     }

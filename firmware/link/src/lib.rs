@@ -46,6 +46,7 @@ pub mod host;
 pub mod message;
 pub mod pack;
 pub mod packet;
+pub mod settings;
 
 pub use assembler::FrameAssembler;
 pub use board::{BoardMessage, Reason};
@@ -55,3 +56,4 @@ pub use host::HostMessage;
 pub use message::{Line, Message, PixelFormat, Region, Streams};
 pub use pack::{Malformed, Packed, Sample, Values};
 pub use packet::{DELIMITER, VERSION};
+pub use settings::{Parameters, Selection, Source, State};

@@ -5,13 +5,13 @@ use std::fs;
 use std::path::Path;
 
 use vgstereo_link::board::{
-    FrameBegun, Hello, Level, LinePair, LinkCounters, Outcome, PointLine, Scan, SessionCounters,
-    Statistics, View,
+    Camera, FrameBegun, Hello, Level, LinePair, LinkCounters, Outcome, PointLine, Scan,
+    SessionCounters, Statistics, View,
 };
-use vgstereo_link::host::{CalibrationPiece, Parameters, Selection};
+use vgstereo_link::host::CalibrationPiece;
 use vgstereo_link::{
-    BoardMessage, Decoder, Encoder, HostMessage, Line, Message, PixelFormat, Reason, Region,
-    Streams, Values,
+    BoardMessage, Decoder, Encoder, HostMessage, Line, Message, Parameters, PixelFormat, Reason,
+    Region, Selection, Source, State, Streams, Values,
 };
 
 const REGION: Region = Region {
@@ -130,6 +130,27 @@ fn board() -> Vec<BoardMessage<'static>> {
             sequence: 2,
             outcome: Outcome::OutOfBounds,
         },
+        BoardMessage::Camera(Camera {
+            focal_q8: 97_536,
+            principal_x_q8: 40_832,
+            principal_y_q8: -3,
+            depth_q8: 5_266_944,
+            offset_q8: 512,
+        }),
+        BoardMessage::State(State {
+            is_started: true,
+            selection: Selection {
+                streams: Streams::RAW,
+                every_frames: 1,
+                region: None,
+            },
+            source: Source::TestPattern,
+            parameters: Parameters {
+                margin: Some(-24),
+                dense: Some(false),
+                ..Parameters::default()
+            },
+        }),
     ]
 }
 
@@ -160,6 +181,7 @@ fn host() -> Vec<HostMessage<'static>> {
         HostMessage::ResetCounters,
         HostMessage::Start,
         HostMessage::Stop,
+        HostMessage::Source(Source::TestPattern),
     ]
 }
 

@@ -2,13 +2,14 @@
 
 use proptest::prelude::*;
 use vgstereo_link::board::{
-    FrameBegun, Hello, Level, LinePair, LinkCounters, Outcome, PointLine, Scan, SessionCounters,
-    Statistics, View,
+    Camera, FrameBegun, Hello, Level, LinePair, LinkCounters, Outcome, PointLine, Scan,
+    SessionCounters, Statistics, View,
 };
-use vgstereo_link::host::{CalibrationPiece, Parameters, Selection};
+use vgstereo_link::host::CalibrationPiece;
 use vgstereo_link::{
     BoardMessage, Counters, DELIMITER, Decoder, EncodeError, Encoder, HostMessage, Line, Message,
-    PixelFormat, Reason, Region, Streams, Values, memory_bytes, packet,
+    Parameters, PixelFormat, Reason, Region, Selection, Source, State, Streams, Values,
+    memory_bytes, packet,
 };
 
 /// Content for every kind of message.
@@ -168,6 +169,19 @@ impl Owned {
                 sequence: n[0],
                 outcome: Outcome::from(small[3] % 6),
             },
+            BoardMessage::Camera(Camera {
+                focal_q8: n[0],
+                principal_x_q8: n[1].cast_signed(),
+                principal_y_q8: n[2].cast_signed(),
+                depth_q8: n[3],
+                offset_q8: n[4].cast_signed(),
+            }),
+            BoardMessage::State(State {
+                is_started: *flag,
+                selection: selection(n, *flag),
+                source: Source::from(small[1] % 2),
+                parameters: parameters(n, small, *flag),
+            }),
         ]
     }
 
@@ -183,11 +197,7 @@ impl Owned {
         vec![
             HostMessage::Start,
             HostMessage::Stop,
-            HostMessage::Select(Selection {
-                streams: Streams::from_bits(n[0] as u16),
-                every_frames: n[1] as u16,
-                region: flag.then_some(region(n)),
-            }),
+            HostMessage::Select(selection(n, *flag)),
             HostMessage::CalibrationPiece(CalibrationPiece {
                 total_bytes: n[0],
                 crc32: n[1],
@@ -199,18 +209,31 @@ impl Owned {
                 crc32: n[1],
             },
             HostMessage::CalibrationDiscard,
-            HostMessage::Parameters(Parameters {
-                margin: flag.then_some(n[0] as i16),
-                left_right_tolerance_px: (!flag).then_some(small[0]),
-                texture_min: flag.then_some(n[1] as u16),
-                speckle_size_min: (!flag).then_some(small[1]),
-                speckle_step_q4: flag.then_some(small[2]),
-                confidence_min: (!flag).then_some(small[3]),
-                dense: (n[2] % 3 > 0).then_some(*flag),
-            }),
+            HostMessage::Parameters(parameters(n, small, *flag)),
             HostMessage::ResetCounters,
             HostMessage::SendHello,
+            HostMessage::Source(Source::from(small[0] % 2)),
         ]
+    }
+}
+
+fn selection(n: &[u32; 13], flag: bool) -> Selection {
+    Selection {
+        streams: Streams::from_bits(n[0] as u16),
+        every_frames: n[1] as u16,
+        region: flag.then_some(region(n)),
+    }
+}
+
+fn parameters(n: &[u32; 13], small: &[u8; 4], flag: bool) -> Parameters {
+    Parameters {
+        margin: flag.then_some(n[0] as i16),
+        left_right_tolerance_px: (!flag).then_some(small[0]),
+        texture_min: flag.then_some(n[1] as u16),
+        speckle_size_min: (!flag).then_some(small[1]),
+        speckle_step_q4: flag.then_some(small[2]),
+        confidence_min: (!flag).then_some(small[3]),
+        dense: (n[2] % 3 > 0).then_some(flag),
     }
 }
 
