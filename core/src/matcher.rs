@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::config::{Config, ConfigError, Method};
+use crate::config::{Checks, ChecksError, Config, ConfigError, Method};
 use crate::disparity::DisparityLine;
 use crate::kernel::{Kernels, Portable};
 use crate::pattern::Synapses;
@@ -201,7 +201,7 @@ impl<'m, K: Kernels> Matcher<'m, K> {
         })
     }
 
-    /// The configuration that the matcher was built from.
+    /// The configuration that the matcher was built from, with the checks that it has now.
     #[must_use]
     pub fn config(&self) -> &Config {
         &self.config
@@ -219,6 +219,27 @@ impl<'m, K: Kernels> Matcher<'m, K> {
             Pipeline::Recall { rows, .. } => rows.synapses(),
             Pipeline::Sgm { rows, .. } => rows.synapses(),
         }
+    }
+
+    /// Takes other checks than those of the configuration, and forgets the frame: they hold from line 0 of
+    /// the next.
+    ///
+    /// # Errors
+    /// [`ChecksError`]; the matcher is then unchanged.
+    pub fn set_checks(&mut self, checks: &Checks) -> Result<(), ChecksError> {
+        let mut config = self.config;
+        config.set_checks(checks)?;
+        if let (Pipeline::Sgm { rows, refiner }, Method::Sgm(sgm)) =
+            (&mut self.pipeline, &config.parameters.method)
+        {
+            if !refiner.set_checks(&config, sgm) {
+                return Err(ChecksError::SpeckleSize);
+            }
+            rows.set_checks(sgm);
+        }
+        self.config = config;
+        self.reset();
+        Ok(())
     }
 
     /// Takes the next pair of lines, rectified, from the top. Rows of grey are slices of bytes; see

@@ -21,6 +21,8 @@ pub enum Fault {
     Matcher(PushError),
     /// The sink reported an error.
     Sink,
+    /// The user of the session changed what is done with frames.
+    Stopped,
 }
 
 impl fmt::Display for Fault {
@@ -31,6 +33,7 @@ impl fmt::Display for Fault {
             Self::Rectifier(error) => error.fmt(f),
             Self::Matcher(error) => error.fmt(f),
             Self::Sink => f.write_str("the sink failed"),
+            Self::Stopped => f.write_str("what is done with frames was changed"),
         }
     }
 }
@@ -48,6 +51,7 @@ mod tests {
             (Fault::Rectifier(RawLineError::NotTaken), "not taken"),
             (Fault::Matcher(PushError::TooManyLines), "too many lines"),
             (Fault::Sink, "sink"),
+            (Fault::Stopped, "changed"),
         ] {
             let text = fault.to_string();
             assert!(text.contains(cause), "{text}");

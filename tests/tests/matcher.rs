@@ -1,11 +1,11 @@
 //! Guarantees of the matcher on memory, latency, independence of frames and refusal of input.
 
-use vgstereo_core::config::{DEFAULT_SEED, Support, SynapseError};
+use vgstereo_core::config::{ChecksError, DEFAULT_SEED, SpeckleChecks, Support, SynapseError};
 use vgstereo_core::kernel::TieBreak;
 use vgstereo_core::rows::OutOfMemory;
 use vgstereo_core::{
-    Config, ConfigError, DisparityRange, Matcher, Method, Parameters, Portable, Preset, PushError,
-    RecallParameters, Reference, Region, SgmParameters,
+    Config, ConfigError, DisparityRange, Matcher, Method, Output, Parameters, Portable, Preset,
+    PushError, RecallParameters, Reference, Region, SgmParameters,
 };
 use vgstereo_firmware::camera::{PixelFormat, RawLine};
 use vgstereo_kernels::NativeKernels;
@@ -58,6 +58,68 @@ fn exactly_the_stated_memory_is_enough() {
             }
         }
     }
+}
+
+/// A matcher with other checks gives what one gives that was built with them.
+#[test]
+fn other_checks_are_those_of_a_matcher_built_with_them() {
+    for (seed, preset) in (0..).zip([Preset::Lite, Preset::Micro]) {
+        println!("seed {seed}, {preset}");
+        let pair = Pair::random(61, 40, 40, seed);
+        let config = Config::new(preset.parameters(), 61, DisparityRange::up_to(9));
+        let mut memory = vec![0; config.memory_words()];
+        let mut matcher = Matcher::new(&config, Portable, &mut memory).unwrap();
+        let before = pair.stream_through(&mut matcher);
+
+        let mut checks = config.checks().unwrap();
+        checks.margin = 90;
+        checks.left_right_tolerance_px = 0;
+        checks.texture_min = 200;
+        let size_min = checks.speckle.unwrap().size_min - 3;
+        checks.speckle = Some(SpeckleChecks {
+            size_min,
+            step_q4: 3,
+        });
+        checks.output = Output::Sparse;
+        // Amid a frame, which is forgotten.
+        matcher.push(&[7; 61], &[7; 61]).unwrap();
+        matcher.set_checks(&checks).unwrap();
+        assert_eq!(matcher.config().checks(), Some(checks));
+
+        let mut other = config;
+        let Method::Sgm(sgm) = &mut other.parameters.method else {
+            panic!("{preset} is SGM");
+        };
+        (sgm.margin, sgm.left_right_tolerance_px, sgm.texture_min) = (90, 0, 200);
+        let speckle = sgm.speckle.as_mut().unwrap();
+        (speckle.size_min, speckle.step_q4) = (size_min, 3);
+        other.output = Output::Sparse;
+        let expected = pair.stream_with_confidences(&other, Portable);
+        assert_eq!(pair.stream_through(&mut matcher), expected);
+        assert_ne!(before, expected);
+    }
+}
+
+#[test]
+fn checks_that_do_not_fit_change_nothing() {
+    let recall = Config::new(Preset::Paper.parameters(), 24, DisparityRange::up_to(9));
+    let config = Config::new(Preset::Lite.parameters(), 24, DisparityRange::up_to(9));
+    let mut memory = vec![0; config.memory_words().max(recall.memory_words())];
+    let checks = config.checks().unwrap();
+    assert_eq!(recall.checks(), None);
+    let mut matcher = Matcher::new(&recall, Portable, &mut memory).unwrap();
+    assert_eq!(matcher.set_checks(&checks), Err(ChecksError::Method));
+
+    let mut matcher = Matcher::new(&config, Portable, &mut memory).unwrap();
+    let mut other = checks;
+    other.margin = 1;
+    other.speckle = None;
+    assert_eq!(matcher.set_checks(&other), Err(ChecksError::Speckle));
+    let mut larger = checks.speckle.unwrap();
+    larger.size_min += 1;
+    other.speckle = Some(larger);
+    assert_eq!(matcher.set_checks(&other), Err(ChecksError::SpeckleSize));
+    assert_eq!(matcher.config(), &config);
 }
 
 /// Returns the number of lines that all stages together look ahead.

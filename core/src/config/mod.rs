@@ -4,9 +4,11 @@
 //! disparities to search, the reference view and a region of interest. It can be checked when a
 //! program is built: [`Config::validate`] is `const`.
 
+mod checks;
 mod parameters;
 mod preset;
 
+pub use checks::{Checks, ChecksError, SpeckleChecks};
 pub use parameters::{
     MAX_CANDIDATES, MAX_LINE_OFFSET_Q4, MAX_MEDIAN_REACH_PX, MAX_SIGMA_PX, MAX_SYNAPSES, Method,
     Parameters, RecallParameters, RegionVoteParameters, SYNAPSE_STEP, SgmParameters,

@@ -236,6 +236,7 @@ impl<'m, 'r, K: Kernels> Rectifier<'m, 'r, K> {
         let line = |view, map: &ViewMap<'_>| RectifiedLine {
             kernels,
             view,
+            line: y,
             width,
             valid: map.valid_columns(y),
         };
@@ -272,8 +273,17 @@ impl<'m, 'r, K: Kernels> Rectifier<'m, 'r, K> {
 pub struct RectifiedLine<'a, K = Portable> {
     kernels: K,
     view: &'a RawView<'a>,
+    line: u16,
     width: usize,
     valid: Range<u16>,
+}
+
+impl<K> RectifiedLine<'_, K> {
+    /// Number of the line in the rectified view, from 0.
+    #[must_use]
+    pub fn line(&self) -> u16 {
+        self.line
+    }
 }
 
 impl<K: Kernels> Line for RectifiedLine<'_, K> {

@@ -177,6 +177,11 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         self.views.clear();
     }
 
+    /// Takes the checks of these parameters, which differ in nothing else.
+    pub(crate) fn set_checks(&mut self, sgm: &SgmParameters) {
+        self.parameters = *sgm;
+    }
+
     /// Number of lines of the frame whose rows are done, those outside the region included.
     pub(crate) fn rows_out(&self) -> u32 {
         self.sampler.rows_out()

@@ -154,6 +154,20 @@ impl<'m, K: Kernels> SgmRefiner<'m, K> {
         self.rows_out = 0;
     }
 
+    /// Takes the checks of a configuration that differs in nothing else. Returns whether there is memory
+    /// for its speckles; if not, nothing has changed.
+    pub(crate) fn set_checks(&mut self, config: &Config, sgm: &SgmParameters) -> bool {
+        let Then(speckle, _) = &mut self.stages;
+        if let (Some(stage), Some(speckle)) = (speckle, &sgm.speckle) {
+            if !stage.has_room_for(speckle.size_min) {
+                return false;
+            }
+            stage.set_bounds(speckle.size_min, speckle.step_q4);
+        }
+        self.config.output = config.output;
+        true
+    }
+
     /// Takes a row as [`RowCheck::write`](super::RowCheck::write) writes it, in stored order, and
     /// the positions of it and of the other view's row that the cameras saw. `channels` are the
     /// reference view's, with all lines that

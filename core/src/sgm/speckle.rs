@@ -60,6 +60,17 @@ impl<'m> Speckle<'m> {
         })
     }
 
+    /// Whether there is memory for regions of fewer than `size_min` pixels.
+    pub(super) fn has_room_for(&self, size_min: u8) -> bool {
+        usize::from(size_min) <= self.region.len()
+    }
+
+    /// Takes other bounds of speckles, for which there is room; the reach stays.
+    pub(super) fn set_bounds(&mut self, size_min: u8, step_q4: u8) {
+        self.parameters.size_min = size_min;
+        self.parameters.step_q4 = step_q4;
+    }
+
     /// Copies row `line`, if there is such a row, to `output` without its speckles; returns whether
     /// there is.
     fn remove(

@@ -7,7 +7,7 @@ use crate::fault::Fault;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum Event {
-    /// The pair of lines was the expected one and was matched.
+    /// The pair of lines was the expected one and was taken: matched, if the sink asks for disparities.
     Line {
         /// The camera's number of the frame that the pair belongs to.
         frame: u32,

@@ -18,13 +18,16 @@ pub use event::Event;
 pub use patience::{PATIENCE_FRAMES, Patience};
 pub use statistics::Statistics;
 
-use crate::camera::{Error, Geometry, LinePair, LinePairSource, RawLine};
+use core::mem;
+
+use crate::camera::{Error, ErrorKind, Geometry, LinePair, LinePairSource, RawLine};
+use vgstereo_core::config::{Checks, ChecksError};
 use vgstereo_core::geometry::Rectifier;
 use vgstereo_core::rows::{Arena, words};
 use vgstereo_core::{Kernels, Line, Matcher, Region};
 
 use crate::fault::Fault;
-use crate::sink::{DisparitySink, FrameInfo};
+use crate::sink::{DisparitySink, FrameInfo, Needs};
 use crate::watchdog::{NoWatchdog, Watchdog};
 use sync::{Action, FrameSync};
 
@@ -42,6 +45,11 @@ pub const fn memory_words(geometry: &Geometry) -> usize {
 /// Connects a camera to a matcher and a sink, and feeds a watchdog as long as lines are
 /// matched and frames come whole ([`Patience`]).
 ///
+/// Pairs of lines come in by one of two doors, which deal with them in the same way. With
+/// [`step`](Self::step) the session reads the camera, a [`LinePairSource`]. With
+/// [`take_pair`](Self::take_pair) and [`take_error`](Self::take_error) it is given what an interrupt
+/// or a task has received: [`pushed`](Session::pushed) makes such a session, without a camera.
+///
 /// A session waits only where the camera does, whose every wait is bounded, and where the
 /// sink does.
 #[derive(Debug)]
@@ -56,6 +64,8 @@ pub struct Session<'m, C, K, S, W = NoWatchdog> {
     right: &'m mut [u8],
     sync: FrameSync,
     patience: Patience,
+    /// What the sink asks of the frame that was begun last.
+    needs: Needs,
     /// The frame that was begun last; its end is told with it.
     info: FrameInfo,
     statistics: Statistics,
@@ -76,6 +86,30 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink> Session<'m, C, K, S> {
         memory: &'m mut [u32],
     ) -> Result<Self, SessionError> {
         Self::with_watchdog(camera, matcher, sink, memory, NoWatchdog)
+    }
+}
+
+/// In place of the camera of a session that is given its pairs of lines.
+#[derive(Debug, Clone, Copy)]
+pub struct Pushed;
+
+impl<'m, K: Kernels, S: DisparitySink, W: Watchdog> Session<'m, Pushed, K, S, W> {
+    /// Returns a session that does not read a camera, but is given the pairs of lines of one with this
+    /// geometry, with [`take_pair`](Session::take_pair). It takes no memory of its own. For the rest, see
+    /// [`Session::rectifying`].
+    ///
+    /// # Errors
+    /// [`SessionError`] when the rectification does not suit the geometry or the matcher, or the
+    /// geometry does not suit the matcher.
+    pub fn pushed(
+        geometry: Geometry,
+        rectifier: Option<&'m mut Rectifier<'m, 'm, K>>,
+        matcher: Matcher<'m, K>,
+        sink: S,
+        watchdog: W,
+    ) -> Result<Self, SessionError> {
+        let lines = [&mut [][..], &mut []];
+        Self::over(Pushed, geometry, rectifier, matcher, sink, lines, watchdog)
     }
 }
 
@@ -107,13 +141,70 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
     /// camera's geometry does not suit the matcher, or the lent memory is too small.
     pub fn rectifying(
         camera: C,
-        mut rectifier: Option<&'m mut Rectifier<'m, 'm, K>>,
-        mut matcher: Matcher<'m, K>,
+        rectifier: Option<&'m mut Rectifier<'m, 'm, K>>,
+        matcher: Matcher<'m, K>,
         sink: S,
         memory: &'m mut [u32],
         watchdog: W,
     ) -> Result<Self, SessionError> {
         let geometry = camera.geometry();
+        let mut arena = Arena::new(memory);
+        let lines = [
+            arena.take(geometry.line_bytes())?,
+            arena.take(geometry.line_bytes())?,
+        ];
+        Self::over(camera, geometry, rectifier, matcher, sink, lines, watchdog)
+    }
+
+    /// Reads the camera once, deals with what comes and returns what became of it. The last
+    /// pair of a frame also brings the [`latency_lines`] lines of disparities still to come,
+    /// within the gap between frames.
+    ///
+    /// [`latency_lines`]: vgstereo_core::config::Parameters::latency_lines
+    ///
+    /// # Errors
+    /// The error of the sink. The frame is dropped; the next call goes on with a later one.
+    pub fn step(&mut self) -> Result<Event, S::Error> {
+        let (left, right) = (mem::take(&mut self.left), mem::take(&mut self.right));
+        let event = match self.camera.read_pair(left, right) {
+            Ok(pair) => self.take_pair(&pair, left, right),
+            Err(error) => Ok(self.take_error(error.kind())),
+        };
+        (self.left, self.right) = (left, right);
+        event
+    }
+
+    /// Steps until a frame is done and returns the camera's number of that frame. Takes at
+    /// most [`ATTEMPT_FRAMES`] times as many steps as a frame has lines.
+    ///
+    /// # Errors
+    /// [`RunError`] when no frame came whole in that many steps or the sink failed. The
+    /// session can be used again.
+    pub fn run_frame(&mut self) -> Result<u32, RunError<S::Error>> {
+        let reads = self.geometry.height.saturating_mul(ATTEMPT_FRAMES);
+        let mut last_fault = None;
+        for _ in 0..reads {
+            match self.step().map_err(RunError::Sink)? {
+                Event::FrameDone { frame } => return Ok(frame),
+                Event::Fault(fault) => last_fault = Some(fault),
+                Event::Resync { .. } => last_fault = Some(Fault::Sequence),
+                Event::Line { .. } | Event::Skipped { .. } => {}
+            }
+        }
+        Err(RunError::Attempts { reads, last_fault })
+    }
+}
+
+impl<'m, C, K: Kernels, S: DisparitySink, W: Watchdog> Session<'m, C, K, S, W> {
+    fn over(
+        camera: C,
+        geometry: Geometry,
+        mut rectifier: Option<&'m mut Rectifier<'m, 'm, K>>,
+        mut matcher: Matcher<'m, K>,
+        sink: S,
+        [left, right]: [&'m mut [u8]; 2],
+        watchdog: W,
+    ) -> Result<Self, SessionError> {
         let config = matcher.config();
         let mut height = geometry.height;
         match &rectifier {
@@ -156,8 +247,6 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
             height: region.height.min(height.saturating_sub(region.y)),
             ..region
         };
-        let mut arena = Arena::new(memory);
-        let line_bytes = geometry.line_bytes();
         matcher.reset();
         if let Some(rectifier) = &mut rectifier {
             rectifier.reset();
@@ -169,10 +258,11 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
             sink,
             watchdog,
             geometry,
-            left: arena.take(line_bytes)?,
-            right: arena.take(line_bytes)?,
+            left,
+            right,
             sync: FrameSync::new(geometry.height),
             patience: Patience::default(),
+            needs: Needs::DISPARITIES,
             info: FrameInfo {
                 frame: 0,
                 timestamp_us: 0,
@@ -188,10 +278,46 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
         self.statistics
     }
 
+    /// Sets all counters to 0.
+    pub fn reset_statistics(&mut self) {
+        self.statistics = Statistics::default();
+    }
+
     /// Returns the camera.
     #[must_use]
     pub fn camera(&self) -> &C {
         &self.camera
+    }
+
+    /// Returns the camera mutably, to change what it delivers from the next frame on.
+    #[must_use]
+    pub fn camera_mut(&mut self) -> &mut C {
+        &mut self.camera
+    }
+
+    /// Returns the size and the format of the camera's lines.
+    #[must_use]
+    pub fn geometry(&self) -> Geometry {
+        self.geometry
+    }
+
+    /// Returns the matcher.
+    #[must_use]
+    pub fn matcher(&self) -> &Matcher<'m, K> {
+        &self.matcher
+    }
+
+    /// Takes other checks for the frames to come. The frame that is being read, if any, is dropped: call
+    /// this between frames.
+    ///
+    /// # Errors
+    /// [`ChecksError`] when the matcher refuses them; nothing has changed then.
+    pub fn set_checks(&mut self, checks: &Checks) -> Result<(), ChecksError> {
+        self.matcher.set_checks(checks)?;
+        let (abort, changes) = self.sync.failed();
+        self.statistics.count(changes);
+        self.abort(abort, Fault::Stopped);
+        Ok(())
     }
 
     /// Returns the sink.
@@ -213,61 +339,47 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
         (self.camera, self.matcher, self.sink)
     }
 
-    /// Reads the camera once, deals with what comes and returns what became of it. The last
-    /// pair of a frame also brings the [`latency_lines`] lines of disparities still to come,
-    /// within the gap between frames.
-    ///
-    /// [`latency_lines`]: vgstereo_core::config::Parameters::latency_lines
+    /// Deals with a pair of lines, each of [`Geometry::line_bytes`], and returns what became of it, as
+    /// [`step`](Self::step) does. Lines of another length, which no camera may deliver, count as short
+    /// ones.
     ///
     /// # Errors
     /// The error of the sink. The frame is dropped; the next call goes on with a later one.
-    pub fn step(&mut self) -> Result<Event, S::Error> {
-        let event = match self.camera.read_pair(self.left, self.right) {
-            Ok(pair) => self.take_pair(&pair)?,
-            Err(error) => {
-                let kind = error.kind();
-                self.statistics.count_camera_error(kind);
-                self.fail(Fault::Camera(kind))
-            }
-        };
+    pub fn take_pair(
+        &mut self,
+        pair: &LinePair,
+        left: &[u8],
+        right: &[u8],
+    ) -> Result<Event, S::Error> {
+        let line_bytes = self.geometry.line_bytes();
+        if left.len() != line_bytes || right.len() != line_bytes {
+            return Ok(self.take_error(ErrorKind::ShortLine));
+        }
+        let event = self.deal_with(pair, [left, right])?;
         if self.patience.feeds(&event) {
             self.watchdog.feed();
         }
         Ok(event)
     }
 
-    /// Steps until a frame is done and returns the camera's number of that frame. Takes at
-    /// most [`ATTEMPT_FRAMES`] times as many steps as a frame has lines.
-    ///
-    /// # Errors
-    /// [`RunError`] when no frame came whole in that many steps or the sink failed. The
-    /// session can be used again.
-    pub fn run_frame(&mut self) -> Result<u32, RunError<S::Error>> {
-        let reads = self.geometry.height.saturating_mul(ATTEMPT_FRAMES);
-        let mut last_fault = None;
-        for _ in 0..reads {
-            match self.step().map_err(RunError::Sink)? {
-                Event::FrameDone { frame } => return Ok(frame),
-                Event::Fault(fault) => last_fault = Some(fault),
-                Event::Resync { .. } => last_fault = Some(Fault::Sequence),
-                Event::Line { .. } | Event::Skipped { .. } => {}
-            }
-        }
-        Err(RunError::Attempts { reads, last_fault })
+    /// Counts an error of the camera and drops the frame that is being read, if any. Returns that as an
+    /// event.
+    pub fn take_error(&mut self, kind: ErrorKind) -> Event {
+        self.statistics.count_camera_error(kind);
+        self.fail(Fault::Camera(kind))
     }
 
-    /// Deals with the pair in the line buffers.
-    fn take_pair(&mut self, pair: &LinePair) -> Result<Event, S::Error> {
+    fn deal_with(&mut self, pair: &LinePair, lines: [&[u8]; 2]) -> Result<Event, S::Error> {
         let &LinePair { frame, line, .. } = pair;
         let (action, changes) = self.sync.pair(frame, line, pair.dropped);
         self.statistics.count(changes);
         match action {
-            Action::Match => self.match_pair(pair),
-            Action::Begin => self.begin_frame(pair),
+            Action::Match => self.match_pair(pair, lines),
+            Action::Begin => self.begin_frame(pair, lines),
             Action::Skip => Ok(Event::Skipped { frame, line }),
             Action::Resync { abort } => {
                 self.abort(abort, Fault::Sequence);
-                Ok(match self.begin_frame(pair)? {
+                Ok(match self.begin_frame(pair, lines)? {
                     Event::Line { frame, .. } => Event::Resync { frame },
                     event => event,
                 })
@@ -280,32 +392,40 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
     }
 
     /// Begins the pair's frame and matches the pair as its line 0.
-    fn begin_frame(&mut self, pair: &LinePair) -> Result<Event, S::Error> {
+    fn begin_frame(&mut self, pair: &LinePair, lines: [&[u8]; 2]) -> Result<Event, S::Error> {
         self.info.frame = pair.frame;
         self.info.timestamp_us = pair.timestamp_us;
         if let Err(error) = self.sink.begin_frame(&self.info) {
             return Err(self.fail_with_sink(error));
         }
+        self.needs = self.sink.needs();
         let changes = self.sync.begun();
         self.statistics.count(changes);
-        self.match_pair(pair)
+        self.match_pair(pair, lines)
     }
 
     /// Matches the pair, the next one of the frame that is being read, and ends the frame
     /// with its last.
-    fn match_pair(&mut self, pair: &LinePair) -> Result<Event, S::Error> {
+    fn match_pair(&mut self, pair: &LinePair, lines: [&[u8]; 2]) -> Result<Event, S::Error> {
         let &LinePair { frame, line, .. } = pair;
-        let (format, kernels) = (self.geometry.format, self.matcher.kernels());
-        let [left, right] =
-            [&*self.left, &*self.right].map(|bytes| RawLine::new(format, bytes, kernels));
+        let (format, kernels, needs) = (self.geometry.format, self.matcher.kernels(), self.needs);
+        let raw = lines.map(|bytes| RawLine::new(format, bytes, kernels));
         let (matcher, sink) = (&mut self.matcher, &mut self.sink);
+        sink.raw_pair(pair, lines);
         let mut given = Ok(());
         match &mut self.rectifier {
-            None => given = give(matcher, sink, frame, &left, &right),
-            Some(rectifier) => match rectifier.push(&left, &right) {
+            _ if !needs.rectified && !needs.disparities => {}
+            None if needs.disparities => given = give(matcher, sink, frame, &raw[0], &raw[1]),
+            None => {}
+            Some(rectifier) => match rectifier.push(&raw[0], &raw[1]) {
                 Ok(()) => {
                     while let Some([left, right]) = rectifier.next_pair() {
-                        given = give(matcher, sink, frame, &left, &right);
+                        if needs.rectified {
+                            sink.rectified_pair(frame, left.line().into(), [&left, &right]);
+                        }
+                        if needs.disparities {
+                            given = give(matcher, sink, frame, &left, &right);
+                        }
                         if given.is_err() {
                             break;
                         }
@@ -333,8 +453,10 @@ impl<'m, C: LinePairSource, K: Kernels, S: DisparitySink, W: Watchdog> Session<'
 
     /// Gives the sink the lines still to come and ends the frame there.
     fn end_frame(&mut self) -> Result<(), S::Error> {
-        while let Some(disparities) = self.matcher.finish() {
-            self.sink.line(self.info.frame, &disparities)?;
+        if self.needs.disparities {
+            while let Some(disparities) = self.matcher.finish() {
+                self.sink.line(self.info.frame, &disparities)?;
+            }
         }
         if let Some(rectifier) = &mut self.rectifier {
             rectifier.reset();

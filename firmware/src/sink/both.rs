@@ -1,8 +1,9 @@
 //! One sink that is two.
 
-use vgstereo_core::DisparityLine;
+use vgstereo_core::{DisparityLine, Line};
 
-use super::{DisparitySink, FrameInfo};
+use super::{DisparitySink, FrameInfo, Needs};
+use crate::camera::LinePair;
 use crate::fault::Fault;
 
 /// A sink that gives all that it gets to two others, such as one that sends disparities and one that
@@ -42,6 +43,20 @@ impl<A: DisparitySink, B: DisparitySink<Error = A::Error>> DisparitySink for Bot
             self.first.abort_frame(info.frame, Fault::Sink);
         }
         begun
+    }
+
+    fn needs(&self) -> Needs {
+        self.first.needs().or(self.second.needs())
+    }
+
+    fn raw_pair(&mut self, pair: &LinePair, lines: [&[u8]; 2]) {
+        self.first.raw_pair(pair, lines);
+        self.second.raw_pair(pair, lines);
+    }
+
+    fn rectified_pair(&mut self, frame: u32, line: u32, lines: [&dyn Line; 2]) {
+        self.first.rectified_pair(frame, line, lines);
+        self.second.rectified_pair(frame, line, lines);
     }
 
     fn line(&mut self, frame: u32, line: &DisparityLine<'_>) -> Result<(), Self::Error> {

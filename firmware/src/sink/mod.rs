@@ -16,8 +16,9 @@ pub use both::BothSinks;
 pub use convert::{Conversion, ConversionError, ConvertedLine, ConvertedSink, ConvertingSink};
 pub use scan::{ScanSink, ScanningSink};
 
-use vgstereo_core::{DisparityLine, Region};
+use vgstereo_core::{DisparityLine, Line, Region};
 
+use crate::camera::LinePair;
 use crate::fault::Fault;
 
 /// Description of a frame of disparities.
@@ -33,10 +34,42 @@ pub struct FrameInfo {
     pub region: Region,
 }
 
+/// What a sink needs of a frame; what it does not need is not computed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Needs {
+    /// Rectified pairs of lines, if the session rectifies.
+    pub rectified: bool,
+    /// Disparities.
+    pub disparities: bool,
+}
+
+impl Needs {
+    /// Nothing.
+    pub const NONE: Self = Self {
+        rectified: false,
+        disparities: false,
+    };
+    /// Disparities alone.
+    pub const DISPARITIES: Self = Self {
+        rectified: false,
+        disparities: true,
+    };
+
+    /// What is needed by one of two.
+    #[must_use]
+    pub const fn or(self, other: Self) -> Self {
+        Self {
+            rectified: self.rectified || other.rectified,
+            disparities: self.disparities || other.disparities,
+        }
+    }
+}
+
 /// A receiver of frames of disparities, line by line.
 ///
 /// The calls come in this order: `begin_frame`; then `line` for each line of the region, from the
-/// top; then `end_frame`. For every frame that was begun without error, there is exactly one
+/// top, if the sink [needs](Self::needs) them; then `end_frame`. Between, raw and rectified pairs come as
+/// soon as they are there. For every frame that was begun without error, there is exactly one
 /// successful `end_frame` or one `abort_frame`, before the next frame begins. After an error, the
 /// sink is called again from the next frame's `begin_frame` on.
 ///
@@ -51,6 +84,23 @@ pub trait DisparitySink {
     /// # Errors
     /// The sink cannot take the frame, which then counts as not begun.
     fn begin_frame(&mut self, info: &FrameInfo) -> Result<(), Self::Error>;
+
+    /// What is needed of the frame that has just begun: by default, disparities alone.
+    fn needs(&self) -> Needs {
+        Needs::DISPARITIES
+    }
+
+    /// Takes a pair of lines as the camera delivered it, left and right, before it is matched. By
+    /// default it is left alone.
+    fn raw_pair(&mut self, pair: &LinePair, lines: [&[u8]; 2]) {
+        let _ = (pair, lines);
+    }
+
+    /// Takes line `line` of the rectified views of frame `frame`, left and right, if such lines are
+    /// [needed](Self::needs). By default it is left alone.
+    fn rectified_pair(&mut self, frame: u32, line: u32, lines: [&dyn Line; 2]) {
+        let _ = (frame, line, lines);
+    }
 
     /// Takes the next line of frame `frame`. [`INVALID`](vgstereo_core::disparity::INVALID) marks
     /// pixels without a disparity.
@@ -77,6 +127,18 @@ impl<T: DisparitySink + ?Sized> DisparitySink for &mut T {
         (**self).begin_frame(info)
     }
 
+    fn needs(&self) -> Needs {
+        (**self).needs()
+    }
+
+    fn raw_pair(&mut self, pair: &LinePair, lines: [&[u8]; 2]) {
+        (**self).raw_pair(pair, lines);
+    }
+
+    fn rectified_pair(&mut self, frame: u32, line: u32, lines: [&dyn Line; 2]) {
+        (**self).rectified_pair(frame, line, lines);
+    }
+
     fn line(&mut self, frame: u32, line: &DisparityLine<'_>) -> Result<(), Self::Error> {
         (**self).line(frame, line)
     }
@@ -96,6 +158,22 @@ impl<T: DisparitySink> DisparitySink for Option<T> {
 
     fn begin_frame(&mut self, info: &FrameInfo) -> Result<(), Self::Error> {
         self.as_mut().map_or(Ok(()), |sink| sink.begin_frame(info))
+    }
+
+    fn needs(&self) -> Needs {
+        self.as_ref().map_or(Needs::NONE, DisparitySink::needs)
+    }
+
+    fn raw_pair(&mut self, pair: &LinePair, lines: [&[u8]; 2]) {
+        if let Some(sink) = self {
+            sink.raw_pair(pair, lines);
+        }
+    }
+
+    fn rectified_pair(&mut self, frame: u32, line: u32, lines: [&dyn Line; 2]) {
+        if let Some(sink) = self {
+            sink.rectified_pair(frame, line, lines);
+        }
     }
 
     fn line(&mut self, frame: u32, line: &DisparityLine<'_>) -> Result<(), Self::Error> {
