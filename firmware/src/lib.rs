@@ -19,6 +19,8 @@ extern crate std;
 
 pub mod camera;
 pub mod fault;
+#[cfg(feature = "link")]
+pub mod live;
 pub mod scripted;
 #[cfg(feature = "sensors")]
 pub mod sensors;

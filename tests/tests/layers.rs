@@ -65,7 +65,7 @@ const CRATES: [Layers; 6] = [
             &["fault", "sensors"],
             &["sink"],
             &["session"],
-            &["scripted"],
+            &["live", "scripted"],
         ],
         allowed: &[],
     },

@@ -80,6 +80,8 @@ impl From<WriteError> for EncodeError {
 #[derive(Debug)]
 pub struct Encoder<'m> {
     memory: &'m mut [u8],
+    /// Bytes of the packet that was made last.
+    length: usize,
     sequence: u32,
 }
 
@@ -90,6 +92,7 @@ impl<'m> Encoder<'m> {
     pub fn new(memory: &'m mut [u8]) -> Self {
         Self {
             memory,
+            length: 0,
             sequence: 0,
         }
     }
@@ -98,6 +101,13 @@ impl<'m> Encoder<'m> {
     #[must_use]
     pub fn sequence(&self) -> u32 {
         self.sequence
+    }
+
+    /// The bytes of the packet that was made last, with the delimiter at their end; none before the first,
+    /// or after a message that was not encoded.
+    #[must_use]
+    pub fn packet(&self) -> &[u8] {
+        self.memory.get(..self.length).unwrap_or_default()
     }
 
     /// Returns the bytes to send for `message`, with the delimiter at their end. `timestamp_us` is the
@@ -110,6 +120,7 @@ impl<'m> Encoder<'m> {
         timestamp_us: u64,
         message: &M,
     ) -> Result<&[u8], EncodeError> {
+        self.length = 0;
         // The packet is written behind the room that framing may need, and framed to the front.
         let start = framing_bytes(self.memory.len());
         let plain = self.memory.get_mut(start..).ok_or(EncodeError::Memory)?;
@@ -125,7 +136,8 @@ impl<'m> Encoder<'m> {
         let end = start + length + CHECKSUM_BYTES;
         let framed = frame(self.memory, start, end).ok_or(EncodeError::Memory)?;
         self.sequence = self.sequence.wrapping_add(1);
-        self.memory.get(..framed).ok_or(EncodeError::Memory)
+        self.length = framed;
+        Ok(self.packet())
     }
 }
 

@@ -8,11 +8,13 @@
 
 mod error;
 mod layout;
+mod pattern;
 mod source;
 mod unpack;
 
 pub use error::{Error, ErrorKind, ErrorType};
 pub use layout::Layout;
+pub use pattern::{OrTestPattern, TestPattern};
 pub use source::{Geometry, LinePair, LinePairSource};
 pub use unpack::RawLine;
 pub use vgstereo_core::kernel::PixelFormat;

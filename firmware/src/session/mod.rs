@@ -278,6 +278,12 @@ impl<'m, C, K: Kernels, S: DisparitySink, W: Watchdog> Session<'m, C, K, S, W> {
         self.statistics
     }
 
+    /// Whether a frame has begun and not ended.
+    #[must_use]
+    pub fn is_reading(&self) -> bool {
+        self.sync.is_reading()
+    }
+
     /// Sets all counters to 0.
     pub fn reset_statistics(&mut self) {
         self.statistics = Statistics::default();

@@ -187,6 +187,12 @@ impl FrameSync {
         }
     }
 
+    /// Whether a frame has begun and neither ended nor failed.
+    #[must_use]
+    pub const fn is_reading(&self) -> bool {
+        matches!(self.state, State::Reading { .. })
+    }
+
     /// Takes the numbers of a pair that was delivered: its frame, its line, counted from 0,
     /// and how many pairs are known to be lost between the pair before and this one; more than
     /// lie between the two do not count.

@@ -1,0 +1,607 @@
+//! A live session: what the camera sees goes to a host over the link, and the host's commands come back.
+//!
+//! A [`Live`] is a [`Session`] with the messages of `vgstereo-link` at its end, over a [`LinkPort`] that
+//! never waits. What the port has no room for is left out and counted; the camera is never kept waiting
+//! for it. Commands are taken between frames.
+
+mod commands;
+mod port;
+mod sender;
+mod sink;
+mod store;
+
+pub use port::LinkPort;
+pub use store::{CalibrationStore, NoStore, RamStore, StoreError};
+
+use core::convert::Infallible;
+
+use vgstereo_core::config::{Checks, ChecksError, Output};
+use vgstereo_core::geometry::{RectifiedCamera, Rectifier};
+use vgstereo_core::rows::{Arena, OutOfMemory, words};
+use vgstereo_core::{Config, Kernels, Matcher};
+use vgstereo_link::board::{Camera, Hello, LinkCounters, Outcome, SessionCounters, View};
+use vgstereo_link::packet::checksum;
+use vgstereo_link::{
+    HostMessage, Parameters, PixelFormat, Selection, Source, State, Streams, memory_bytes,
+};
+
+use crate::camera::{self, ErrorKind, Geometry, LinePair, LinePairSource, OrTestPattern};
+use crate::fault::Fault;
+use crate::session::{Event, Pushed, Session, SessionError, Statistics};
+use crate::watchdog::Watchdog;
+use commands::{Receiver, Upload};
+use sender::Sender;
+use sink::LinkSink;
+
+/// The largest piece of a calibration that is taken, bytes.
+const PIECE_BYTES_MAX: u16 = 256;
+
+/// Returns the number of 32-bit words of [`Setup::memory`] for a camera of this geometry and a matcher
+/// of this configuration: two packets, one of each direction, and two lines.
+#[must_use]
+pub const fn memory_words(geometry: &Geometry, config: &Config) -> usize {
+    words(sent_bytes(geometry, config), 1)
+        + words(received_bytes(), 1)
+        + words(config.width as usize, size_of::<u16>())
+        + words(2 * config.width as usize, 1)
+}
+
+/// Bytes of the largest packet to the host, which is the room that a port should have.
+#[must_use]
+pub const fn sent_bytes(geometry: &Geometry, config: &Config) -> usize {
+    let raw = memory_bytes(geometry.width, camera_format(geometry.format), Streams::RAW);
+    let matched = Streams::RECTIFIED
+        .with(Streams::DISPARITIES)
+        .with(Streams::CONFIDENCES)
+        .with(Streams::DEPTHS);
+    let matched = memory_bytes(config.width, PixelFormat::Grey8, matched);
+    if raw > matched { raw } else { matched }
+}
+
+/// Bytes of the largest packet from the host, which a port should be able to keep while a frame is
+/// matched.
+#[must_use]
+pub const fn received_bytes() -> usize {
+    memory_bytes(0, PixelFormat::Grey8, Streams::NONE)
+}
+
+/// What a live session has besides a camera and a matcher.
+#[derive(Debug)]
+pub struct Setup<'m, P, T = NoStore> {
+    /// The port to the host.
+    pub port: P,
+    /// Name of the device. The three names together may have up to 256 bytes.
+    pub device: &'m str,
+    /// Version of the firmware.
+    pub firmware: &'m str,
+    /// Name of the preset.
+    pub preset: &'m str,
+    /// The camera that the disparities are seen with, if it is known; with a rectifier, its own.
+    pub camera: Option<RectifiedCamera>,
+    /// The bytes of the calibration that the rectifier is of.
+    pub calibration: Option<&'m [u8]>,
+    /// What is sent until the host asks for something else.
+    pub selection: Selection,
+    /// Whether frames are sent before the host asks for them.
+    pub is_started: bool,
+    /// The time, µs, from any origin.
+    pub clock: fn() -> u64,
+    /// For how long the port may be waited for after a frame, µs: with its last pair come several lines
+    /// of disparities at once. Less than the camera's gap between frames, or 0 to never wait; where
+    /// frames begin when they are asked for, any time.
+    pub gap_us: u64,
+    /// Where a calibration from the host is kept.
+    pub store: T,
+    /// Memory of [`memory_words`].
+    pub memory: &'m mut [u32],
+}
+
+/// Whether a live session goes on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[must_use]
+pub enum Next {
+    /// The pair, or its error, was dealt with: this has become of it.
+    Event(Event),
+    /// The host has stored another calibration. The session is to be ended with
+    /// [`Live::into_parts`], and another one built with it.
+    Calibrated,
+}
+
+/// A source of lines that may have a test pattern in its place.
+pub trait TestPatternSource {
+    /// Delivers the pattern from the next frame on, or no longer; returns whether it can.
+    fn show_pattern(&mut self, is_pattern: bool) -> bool;
+}
+
+impl<C: LinePairSource> TestPatternSource for OrTestPattern<C> {
+    fn show_pattern(&mut self, is_pattern: bool) -> bool {
+        self.show_pattern(is_pattern);
+        true
+    }
+}
+
+impl TestPatternSource for Pushed {
+    fn show_pattern(&mut self, is_pattern: bool) -> bool {
+        !is_pattern
+    }
+}
+
+/// A session that sends what the host has selected, and carries out its commands between frames.
+#[derive(Debug)]
+pub struct Live<'m, C, K, P, W, T = NoStore> {
+    session: Session<'m, C, K, LinkSink<'m, P>, W>,
+    receiver: Receiver<'m>,
+    upload: Upload,
+    store: T,
+    is_calibrated: bool,
+}
+
+impl<'m, C, K, P, W, T> Live<'m, OrTestPattern<C>, K, P, W, T>
+where
+    C: LinePairSource,
+    K: Kernels,
+    P: LinkPort,
+    W: Watchdog,
+    T: CalibrationStore,
+{
+    /// A live session that reads `camera`. `lines` are [`session::memory_words`](crate::session::memory_words); for the rest, see
+    /// [`Session::rectifying`].
+    ///
+    /// # Errors
+    /// [`SessionError`] when camera, rectifier, matcher and memory do not suit each other.
+    pub fn new(
+        camera: C,
+        rectifier: Option<&'m mut Rectifier<'m, 'm, K>>,
+        matcher: Matcher<'m, K>,
+        lines: &'m mut [u32],
+        watchdog: W,
+        setup: Setup<'m, P, T>,
+    ) -> Result<Self, SessionError> {
+        let geometry = camera.geometry();
+        let camera = OrTestPattern::new(camera, setup.clock);
+        let parts = parts(&geometry, rectifier.as_deref(), &matcher, setup)?;
+        let session = Session::rectifying(camera, rectifier, matcher, parts.sink, lines, watchdog)?;
+        Ok(Self::over(session, parts.receiver, parts.store))
+    }
+
+    /// Reads the camera once and deals with what comes, as [`Session::step`] does, then takes commands if
+    /// no frame is being read.
+    pub fn step(&mut self) -> Next {
+        let event = self.session.step();
+        self.after(event)
+    }
+}
+
+impl<'m, K, P, W, T> Live<'m, Pushed, K, P, W, T>
+where
+    K: Kernels,
+    P: LinkPort,
+    W: Watchdog,
+    T: CalibrationStore,
+{
+    /// A live session that is given its pairs of lines, of this geometry: see [`Session::pushed`]. It has
+    /// no test pattern.
+    ///
+    /// # Errors
+    /// [`SessionError`] when geometry, rectifier, matcher and memory do not suit each other.
+    pub fn pushed(
+        geometry: Geometry,
+        rectifier: Option<&'m mut Rectifier<'m, 'm, K>>,
+        matcher: Matcher<'m, K>,
+        watchdog: W,
+        setup: Setup<'m, P, T>,
+    ) -> Result<Self, SessionError> {
+        let parts = parts(&geometry, rectifier.as_deref(), &matcher, setup)?;
+        let session = Session::pushed(geometry, rectifier, matcher, parts.sink, watchdog)?;
+        Ok(Self::over(session, parts.receiver, parts.store))
+    }
+}
+
+impl<'m, C, K, P, W, T> Live<'m, C, K, P, W, T>
+where
+    C: TestPatternSource,
+    K: Kernels,
+    P: LinkPort,
+    W: Watchdog,
+    T: CalibrationStore,
+{
+    fn over(
+        session: Session<'m, C, K, LinkSink<'m, P>, W>,
+        receiver: Receiver<'m>,
+        store: T,
+    ) -> Self {
+        Self {
+            session,
+            receiver,
+            upload: Upload::default(),
+            store,
+            is_calibrated: false,
+        }
+    }
+
+    /// Deals with a pair of lines that the camera has delivered, as [`Session::take_pair`] does.
+    pub fn take_pair(&mut self, pair: &LinePair, left: &[u8], right: &[u8]) -> Next {
+        let event = self.session.take_pair(pair, left, right);
+        self.after(event)
+    }
+
+    /// Deals with an error of the camera, as [`Session::take_error`] does.
+    pub fn take_error(&mut self, kind: ErrorKind) -> Next {
+        let event = self.session.take_error(kind);
+        self.after(Ok(event))
+    }
+
+    /// Sends what waits for the port, and takes commands if no frame is being read. The other calls do
+    /// this as well: it is for times in which no pair comes.
+    pub fn serve(&mut self) -> Option<Next> {
+        if !self.session.is_reading() {
+            self.take_commands();
+        }
+        self.session.sink_mut().sender.settle();
+        self.is_calibrated.then_some(Next::Calibrated)
+    }
+
+    /// What the session has counted since it began, or since the host has set the counters to 0.
+    #[must_use]
+    pub fn statistics(&self) -> Statistics {
+        self.session.statistics()
+    }
+
+    /// What the end of the link has counted, likewise.
+    #[must_use]
+    pub fn link_counters(&self) -> LinkCounters {
+        self.session.sink().sender.counters
+    }
+
+    /// Ends the session and returns its matcher, port and store.
+    #[must_use]
+    pub fn into_parts(self) -> (Matcher<'m, K>, P, T) {
+        let (_, matcher, sink) = self.session.into_parts();
+        (matcher, sink.sender.into_port(), self.store)
+    }
+
+    fn after(&mut self, event: Result<Event, Infallible>) -> Next {
+        let Ok(event) = event;
+        let counters = session_counters(self.session.statistics());
+        let sender = &mut self.session.sink_mut().sender;
+        sender.session = counters;
+        match event {
+            Event::FrameDone { .. } => sender.report(None),
+            Event::Fault(fault) => sender.report(Some(&fault)),
+            Event::Resync { .. } => sender.report(Some(&Fault::Sequence)),
+            Event::Line { .. } | Event::Skipped { .. } => {}
+        }
+        self.serve().unwrap_or(Next::Event(event))
+    }
+
+    /// Carries out commands, until none has come or an answer has to wait for the port.
+    fn take_commands(&mut self) {
+        loop {
+            let sender = &mut self.session.sink_mut().sender;
+            sender.settle();
+            if sender.owed.answer.is_some() {
+                return;
+            }
+            let Self {
+                session,
+                receiver,
+                upload,
+                store,
+                is_calibrated,
+            } = self;
+            let mut received = None;
+            let port = sink_port(session);
+            let has_come = receiver.next(port, |sequence, message| {
+                // A piece of a calibration is written from the receiver's memory.
+                let outcome = match message {
+                    HostMessage::CalibrationPiece(piece) => Some(upload.piece(piece, store)),
+                    HostMessage::CalibrationCommit { total_bytes, crc32 } => {
+                        let outcome = upload.commit(*total_bytes, *crc32, store);
+                        *is_calibrated |= outcome == Outcome::Done;
+                        Some(outcome)
+                    }
+                    HostMessage::CalibrationDiscard => {
+                        upload.discard();
+                        Some(Outcome::Done)
+                    }
+                    _ => None,
+                };
+                received = Some((sequence, outcome, Command::of(message)));
+            });
+            let refused = receiver.newly_refused();
+            let counters = &mut session.sink_mut().sender.counters;
+            counters.commands_refused = counters.commands_refused.saturating_add(refused);
+            let Some((sequence, outcome, command)) = received.filter(|_| has_come) else {
+                return;
+            };
+            let outcome = outcome.unwrap_or_else(|| self.execute(command));
+            let sender = &mut self.session.sink_mut().sender;
+            let counters = &mut sender.counters;
+            let counter = match outcome {
+                Outcome::Done => &mut counters.commands,
+                _ => &mut counters.commands_refused,
+            };
+            *counter = counter.saturating_add(1);
+            sender.owed.answer = Some((sequence, outcome));
+        }
+    }
+
+    fn execute(&mut self, command: Command) -> Outcome {
+        let supported = self.session.sink().sender.hello.streams;
+        let state = |live: &mut Self, change: &dyn Fn(&mut State)| {
+            let sender = &mut live.session.sink_mut().sender;
+            change(&mut sender.state);
+            sender.owed.state = true;
+            Outcome::Done
+        };
+        match command {
+            Command::Start => state(self, &|state| state.is_started = true),
+            Command::Stop => state(self, &|state| state.is_started = false),
+            Command::Select(selection) => {
+                let has_pixels = selection
+                    .region
+                    .is_none_or(|region| region.width_px > 0 && region.height_lines > 0);
+                if !supported.contains(selection.streams) {
+                    return Outcome::Unsupported;
+                }
+                if selection.every_frames == 0 || !has_pixels {
+                    return Outcome::OutOfBounds;
+                }
+                state(self, &|state| state.selection = selection)
+            }
+            Command::Source(source) => {
+                let is_pattern = source == Source::TestPattern;
+                if !self.session.camera_mut().show_pattern(is_pattern) {
+                    return Outcome::Unsupported;
+                }
+                state(self, &|state| state.source = source)
+            }
+            Command::Parameters(parameters) => self.use_parameters(&parameters),
+            Command::ResetCounters => {
+                self.session.reset_statistics();
+                let sender = &mut self.session.sink_mut().sender;
+                sender.session = SessionCounters::default();
+                sender.counters = LinkCounters::default();
+                Outcome::Done
+            }
+            Command::SendHello => {
+                self.session.sink_mut().sender.introduce();
+                Outcome::Done
+            }
+            Command::Other => Outcome::Refused,
+        }
+    }
+
+    fn use_parameters(&mut self, parameters: &Parameters) -> Outcome {
+        let own = self.session.matcher().config().checks();
+        let asked = Parameters {
+            confidence_min: None,
+            ..*parameters
+        };
+        if asked != Parameters::default() {
+            let Some(own) = own else {
+                return Outcome::Unsupported;
+            };
+            match self.session.set_checks(&with(own, parameters)) {
+                Ok(()) => {}
+                Err(ChecksError::SpeckleSize) => return Outcome::OutOfBounds,
+                Err(_) => return Outcome::Unsupported,
+            }
+        }
+        let now = self.session.matcher().config().checks();
+        let state = &mut self.session.sink_mut().sender.state;
+        let confidence_min = parameters
+            .confidence_min
+            .or(state.parameters.confidence_min);
+        state.parameters = stated(now, confidence_min);
+        self.session.sink_mut().sender.owed.state = true;
+        Outcome::Done
+    }
+}
+
+fn sink_port<'s, C, K: Kernels, P: LinkPort, W: Watchdog>(
+    session: &'s mut Session<'_, C, K, LinkSink<'_, P>, W>,
+) -> &'s mut P {
+    session.sink_mut().sender.port_mut()
+}
+
+/// A command that is carried out when the receiver's memory is no longer borrowed.
+#[derive(Debug, Clone, Copy)]
+enum Command {
+    Start,
+    Stop,
+    Select(Selection),
+    Source(Source),
+    Parameters(Parameters),
+    ResetCounters,
+    SendHello,
+    /// One that was carried out already.
+    Other,
+}
+
+impl Command {
+    fn of(message: &HostMessage<'_>) -> Self {
+        match *message {
+            HostMessage::Start => Self::Start,
+            HostMessage::Stop => Self::Stop,
+            HostMessage::Select(selection) => Self::Select(selection),
+            HostMessage::Source(source) => Self::Source(source),
+            HostMessage::Parameters(parameters) => Self::Parameters(parameters),
+            HostMessage::ResetCounters => Self::ResetCounters,
+            HostMessage::SendHello => Self::SendHello,
+            HostMessage::CalibrationPiece(_)
+            | HostMessage::CalibrationCommit { .. }
+            | HostMessage::CalibrationDiscard => Self::Other,
+        }
+    }
+}
+
+/// The checks with those parameters that are given.
+fn with(own: Checks, parameters: &Parameters) -> Checks {
+    let speckle = own.speckle.map(|mut speckle| {
+        speckle.size_min = parameters.speckle_size_min.unwrap_or(speckle.size_min);
+        speckle.step_q4 = parameters.speckle_step_q4.unwrap_or(speckle.step_q4);
+        speckle
+    });
+    Checks {
+        left_right_tolerance_px: parameters
+            .left_right_tolerance_px
+            .unwrap_or(own.left_right_tolerance_px),
+        margin: parameters.margin.unwrap_or(own.margin),
+        texture_min: parameters.texture_min.unwrap_or(own.texture_min),
+        speckle,
+        output: match parameters.dense {
+            Some(true) => Output::Dense,
+            Some(false) => Output::Sparse,
+            None => own.output,
+        },
+    }
+}
+
+/// The parameters as the host is told.
+fn stated(checks: Option<Checks>, confidence_min: Option<u8>) -> Parameters {
+    let speckle = checks.and_then(|checks| checks.speckle);
+    Parameters {
+        margin: checks.map(|checks| checks.margin),
+        left_right_tolerance_px: checks.map(|checks| checks.left_right_tolerance_px),
+        texture_min: checks.map(|checks| checks.texture_min),
+        speckle_size_min: speckle.map(|speckle| speckle.size_min),
+        speckle_step_q4: speckle.map(|speckle| speckle.step_q4),
+        confidence_min: Some(confidence_min.unwrap_or(0)),
+        dense: checks.map(|checks| checks.output == Output::Dense),
+    }
+}
+
+/// What a live session is built over.
+struct Parts<'m, P, T> {
+    sink: LinkSink<'m, P>,
+    receiver: Receiver<'m>,
+    store: T,
+}
+
+fn parts<'m, K: Kernels, P: LinkPort, T: CalibrationStore>(
+    geometry: &Geometry,
+    rectifier: Option<&Rectifier<'_, '_, K>>,
+    matcher: &Matcher<'_, K>,
+    setup: Setup<'m, P, T>,
+) -> Result<Parts<'m, P, T>, OutOfMemory> {
+    let config = matcher.config();
+    let rectification = rectifier.map(Rectifier::rectification);
+    let camera = match rectification {
+        Some(rectification) => rectification.camera(config.reference),
+        None => setup.camera,
+    };
+    let depths = match camera {
+        Some(_) => Streams::DEPTHS,
+        None => Streams::NONE,
+    };
+    let rectified = match rectification {
+        Some(_) => Streams::RECTIFIED,
+        None => Streams::NONE,
+    };
+    let streams = Streams::RAW
+        .with(Streams::DISPARITIES)
+        .with(Streams::CONFIDENCES)
+        .with(depths)
+        .with(rectified);
+    let height_lines = rectification.map_or(geometry.height, |r| r.height.into());
+    let hello = Hello {
+        device: setup.device,
+        firmware: setup.firmware,
+        raw: View {
+            width_px: geometry.width,
+            height_lines: geometry.height,
+            format: camera_format(geometry.format),
+        },
+        matched: View {
+            width_px: config.width,
+            height_lines,
+            format: if config.colour {
+                PixelFormat::Rgb888
+            } else {
+                PixelFormat::Grey8
+            },
+        },
+        preset: setup.preset,
+        disparity_min_px: config.disparities.minimum_px,
+        disparity_count: config.disparities.count,
+        latency_lines: config.parameters.latency_lines(),
+        streams,
+        calibration_crc32: setup.calibration.map(checksum),
+        rectifies: rectification.is_some(),
+        piece_bytes_max: if setup.store.capacity_bytes() > 0 {
+            PIECE_BYTES_MAX
+        } else {
+            0
+        },
+    };
+    let camera_message = camera.map(|camera| {
+        let [principal_x_q8, principal_y_q8] = camera.principal_q8();
+        Camera {
+            focal_q8: camera.focal_q8(),
+            principal_x_q8,
+            principal_y_q8,
+            depth_q8: camera.depth().numerator_q8(),
+            offset_q8: camera.depth().offset_q8(),
+        }
+    });
+    let state = State {
+        is_started: setup.is_started,
+        selection: setup.selection,
+        source: Source::Camera,
+        parameters: stated(config.checks(), None),
+    };
+    let width = usize::from(config.width);
+    let mut arena = Arena::new(setup.memory);
+    let packet = arena.take(sent_bytes(geometry, config))?;
+    let (clock, gap_us) = (setup.clock, setup.gap_us);
+    let sender = Sender::new(
+        setup.port,
+        packet,
+        clock,
+        gap_us,
+        hello,
+        camera_message,
+        state,
+    );
+    let receiver = Receiver::new(arena.take(received_bytes())?);
+    let last_line = geometry.height.saturating_sub(1);
+    let (values, levels) = (arena.take(width)?, arena.take(2 * width)?);
+    let depth = camera.map(|camera| camera.depth());
+    Ok(Parts {
+        sink: LinkSink::new(sender, depth, last_line, values, levels),
+        receiver,
+        store: setup.store,
+    })
+}
+
+/// A camera's format, as the link names it. Formats that the link does not have are taken for grey.
+const fn camera_format(format: camera::PixelFormat) -> PixelFormat {
+    match format {
+        camera::PixelFormat::Rgb888 => PixelFormat::Rgb888,
+        camera::PixelFormat::Rgb565 => PixelFormat::Rgb565,
+        camera::PixelFormat::Yuv422 => PixelFormat::Yuv422,
+        _ => PixelFormat::Grey8,
+    }
+}
+
+fn session_counters(statistics: Statistics) -> SessionCounters {
+    SessionCounters {
+        frames: statistics.frames,
+        frames_dropped: statistics.frames_dropped,
+        lines: statistics.lines,
+        lines_dropped: statistics.lines_dropped,
+        sequence_breaks: statistics.sequence_breaks,
+        overruns: statistics.overruns,
+        sync_losses: statistics.sync_losses,
+        short_lines: statistics.short_lines,
+        short_frames: statistics.short_frames,
+        timeouts: statistics.timeouts,
+        bus_errors: statistics.bus_errors,
+        other_errors: statistics.other_errors,
+        sink_errors: statistics.sink_errors,
+    }
+}
+
+#[cfg(test)]
+mod tests;
