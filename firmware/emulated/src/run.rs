@@ -20,7 +20,7 @@ use crate::camera::{self, FileCamera};
 use crate::meter::{Counter, Meter, Metered, Stage};
 use crate::report::Report;
 use crate::request::{Calibration, Request};
-use crate::sink::{self, FileSink, ScanFile};
+use crate::sink::{self, FileSink, PacketSink, ScanFile};
 use crate::stack::Stack;
 use crate::{
     CALIBRATION_FILE, CONFIDENCES_FILE, DISPARITIES_FILE, LINES_FILE, REPORT_FILE, SCANS_FILE,
@@ -79,6 +79,9 @@ fn serve<C: Counter>(
     let (scan, memory) = memory
         .split_at_mut_checked(scan_words)
         .ok_or(Refusal("the scan does not fit the lent memory"))?;
+    // The packets of the link, whose cost is measured where they have room beside the rest.
+    let matcher_words = config.memory_words();
+    let (memory, packet) = memory.split_at_mut(matcher_words.min(memory.len()));
     let matcher = Matcher::new(&config, Metered::new(kernels, &meter), memory);
     let matcher = matcher.map_err(|_| Refusal("the matcher refuses the configuration"))?;
 
@@ -92,6 +95,7 @@ fn serve<C: Counter>(
     let camera = Metered::new(camera, &meter);
     // What a scan takes of lines is not files' time.
     let sink = Metered::new(sink, &meter);
+    let sink = BothSinks::new(sink, PacketSink::new(packet, config.width, &meter));
     let sink = BothSinks::new(sink, scanner(&request, scan)?);
     let mut rectifier = match request.calibration {
         Some(stated) => Some(rectifier(stated, &request, calibration, matcher.kernels())?),

@@ -4,8 +4,12 @@ use semihosting::fs::File;
 use semihosting::io::{Error, ErrorKind, Seek, SeekFrom, Write};
 use vgstereo_core::DisparityLine;
 use vgstereo_core::geometry::Scan;
+use vgstereo_core::rows::Arena;
 use vgstereo_firmware::sink::ScanSink;
 use vgstereo_firmware::{DisparitySink, Fault, FrameInfo};
+use vgstereo_link::{BoardMessage, Encoder, Line, PixelFormat, Streams, Values, memory_bytes};
+
+use crate::meter::{Counter, Meter, Stage};
 
 /// A sink that writes each line at once. The next frame overwrites an aborted one.
 #[derive(Debug)]
@@ -55,6 +59,59 @@ impl DisparitySink for FileSink {
 
     fn end_frame(&mut self, info: &FrameInfo) -> Result<(), Error> {
         self.pixels += u64::from(info.region.width) * u64::from(info.region.height);
+        Ok(())
+    }
+
+    fn abort_frame(&mut self, _: u32, _: Fault) {}
+}
+
+/// A sink that makes packets of the link of the lines of disparities, and leaves them: what they cost is
+/// measured.
+#[derive(Debug)]
+pub struct PacketSink<'m, C> {
+    /// None if there is no memory for a packet.
+    encoder: Option<Encoder<'m>>,
+    meter: &'m Meter<C>,
+}
+
+impl<'m, C: Counter> PacketSink<'m, C> {
+    /// Creates a sink for lines of `width_px`, in this memory; without enough of it, the sink does
+    /// nothing.
+    #[must_use]
+    pub fn new(memory: &'m mut [u32], width_px: u16, meter: &'m Meter<C>) -> Self {
+        let bytes = memory_bytes(width_px, PixelFormat::Grey8, Streams::DISPARITIES);
+        let memory = Arena::new(memory).take(bytes);
+        Self {
+            encoder: memory.ok().map(Encoder::new),
+            meter,
+        }
+    }
+}
+
+impl<C: Counter> DisparitySink for PacketSink<'_, C> {
+    type Error = Error;
+
+    fn begin_frame(&mut self, _: &FrameInfo) -> Result<(), Error> {
+        Ok(())
+    }
+
+    fn line(&mut self, frame: u32, line: &DisparityLine<'_>) -> Result<(), Error> {
+        let Some(encoder) = &mut self.encoder else {
+            return Ok(());
+        };
+        let message = BoardMessage::Disparities(Line {
+            frame,
+            line: line.line,
+            column: line.column,
+            values: Values::Plain(line.disparities_q4),
+        });
+        let encoded = self.meter.measure(Stage::Link, || {
+            encoder.encode(0, &message).map(|packet| packet.len())
+        });
+        encoded.map(drop).map_err(|_| ErrorKind::Other.into())
+    }
+
+    fn end_frame(&mut self, _: &FrameInfo) -> Result<(), Error> {
         Ok(())
     }
 

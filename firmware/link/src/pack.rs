@@ -189,31 +189,27 @@ fn stored(value: u16, previous: u16) -> u32 {
 struct Writer<'b> {
     /// The bytes that are left.
     bytes: &'b mut [u8],
-    /// Bits that do not fill a byte yet.
+    /// Bits that do not fill four bytes yet.
     pending: u32,
     pending_bits: u32,
 }
 
 impl Writer<'_> {
-    /// Appends up to 24 bits; fewer than 8 are pending.
+    /// Appends up to 31 bits.
     #[inline(always)]
     fn put(&mut self, value: u32, bits: u32) -> Option<()> {
         self.pending |= value << self.pending_bits;
-        self.pending_bits += bits;
-        let whole = self.pending_bits as usize / 8;
-        let bytes = mem::take(&mut self.bytes);
-        // All four bytes at once where there is room: those that are not whole are written again.
-        if let Some(place) = bytes.first_chunk_mut() {
-            *place = self.pending.to_le_bytes();
-        } else {
-            let place = bytes.get_mut(..whole)?;
-            for (place, byte) in place.iter_mut().zip(self.pending.to_le_bytes()) {
-                *place = byte;
-            }
+        let end = self.pending_bits + bits;
+        if end < u32::BITS {
+            self.pending_bits = end;
+            return Some(());
         }
-        self.bytes = bytes.get_mut(whole..)?;
-        self.pending >>= 8 * whole;
-        self.pending_bits %= 8;
+        let (place, rest) = mem::take(&mut self.bytes).split_first_chunk_mut()?;
+        *place = self.pending.to_le_bytes();
+        self.bytes = rest;
+        // Some bits were pending, as 31 alone do not fill a word.
+        self.pending = value >> (u32::BITS - self.pending_bits);
+        self.pending_bits = end - u32::BITS;
         Some(())
     }
 
@@ -260,37 +256,34 @@ impl Writer<'_> {
     #[inline(always)]
     fn put_differences(&mut self, [a, b, c, d]: [u32; GROUP]) -> Option<()> {
         let width = u32::BITS - (a | b | c | d).leading_zeros();
-        if width > 5 {
-            return self.put_wide([a | b << 16, c | d << 16], width);
+        if width > NARROW_MAX {
+            return self.put_wide([a, b, c, d]);
+        }
+        if width > 6 {
+            self.put((b << width | a) << 4 | width, 4 + 2 * width)?;
+            return self.put(d << width | c, 2 * width);
         }
         let packed = ((d << width | c) << width | b) << width | a;
         self.put(packed << 4 | width, 4 + 4 * width)
     }
 
-    /// Appends two pairs of differences of more than 5 bits, each in half a word.
-    #[inline(always)]
-    fn put_wide(&mut self, pairs: [u32; 2], width: u32) -> Option<()> {
-        let (code, width) = if width <= NARROW_MAX {
-            (width, width)
-        } else {
-            (WIDE, 16)
-        };
-        self.put(code, 4)?;
-        for pair in pairs {
-            self.put(pair & 0xffff, width)?;
-            self.put(pair >> 16, width)?;
+    /// Appends differences of up to 16 bits.
+    fn put_wide(&mut self, differences: [u32; GROUP]) -> Option<()> {
+        self.put(WIDE, 4)?;
+        for difference in differences {
+            self.put(difference, 16)?;
         }
         Some(())
     }
 
     /// Writes what is pending and returns the number of bytes that are left.
     fn finish(self) -> Option<usize> {
-        if self.pending_bits > 0 {
-            let (place, rest) = self.bytes.split_first_mut()?;
-            *place = self.pending as u8;
-            return Some(rest.len());
+        let whole = self.pending_bits.div_ceil(8) as usize;
+        let (places, rest) = self.bytes.split_at_mut_checked(whole)?;
+        for (place, byte) in places.iter_mut().zip(self.pending.to_le_bytes()) {
+            *place = byte;
         }
-        Some(self.bytes.len())
+        Some(rest.len())
     }
 }
 

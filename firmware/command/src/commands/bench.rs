@@ -88,7 +88,7 @@ pub struct Row {
     pub height: u32,
     /// The number of disparities that are searched.
     pub disparities: u16,
-    /// Instructions per pixel and disparity of one frame, without those of camera and sink.
+    /// Instructions per pixel and disparity of one frame, without those of camera, sink and link.
     pub instructions_per_pixel_disparity: f64,
     /// The name of each stage with its instructions per pixel and disparity.
     #[serde(serialize_with = "as_map")]
@@ -155,7 +155,8 @@ impl Bench {
                         false => stage != Stage::Files,
                     })
                     .collect();
-                let total: u64 = stages.iter().map(|&(_, instructions)| instructions).sum();
+                let matching = stages.iter().filter(|(stage, _)| stage.is_matching());
+                let total: u64 = matching.map(|&(_, instructions)| instructions).sum();
                 let each = |instructions: u64| thousandths(instructions as f64 / all);
                 bar.inc(1);
                 Ok(Row {
@@ -260,6 +261,7 @@ fn as_text(rows: &[Row]) -> String {
         "selec-\ntion",
         "surfaces,\nmedians",
         "checks,\nrest",
+        "link",
         "per line",
         "RAM KiB",
         "stack KiB",
@@ -294,8 +296,8 @@ fn as_text(rows: &[Row]) -> String {
         table.add_row(cells);
     }
     format!(
-        "{table}\ninstructions (not cycles) per pixel and disparity, in all and per stage; {}, grey; \
-         scan: with a laser scan of 60 bearings; raw: lines that are rectified first, {} instructions per \
+        "{table}\ninstructions (not cycles) per pixel and disparity, in all and per stage; link: besides, to pack, \
+         frame and check the disparities for the host; {}, grey; scan: with a laser scan of 60 bearings; raw: lines that are rectified first, {} instructions per \
          pixel for resampling both views\n",
         rows.first().map_or("", |row| row.scene.as_str()),
         per_pixel(rows)
