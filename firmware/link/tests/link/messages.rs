@@ -233,7 +233,7 @@ fn parameters(n: &[u32; 13], small: &[u8; 4], flag: bool) -> Parameters {
         speckle_size_min: (!flag).then_some(small[1]),
         speckle_step_q4: flag.then_some(small[2]),
         confidence_min: (!flag).then_some(small[3]),
-        dense: (n[2] % 3 > 0).then_some(flag),
+        dense: (!n[2].is_multiple_of(3)).then_some(flag),
     }
 }
 
