@@ -49,7 +49,7 @@ pub fn run(bytes: &[u8]) {
 }
 
 /// A packet of this content, with its checksum and its framing.
-fn framed(content: &[u8]) -> Vec<u8> {
+pub(super) fn framed(content: &[u8]) -> Vec<u8> {
     let mut packet = content.to_vec();
     packet.extend(crc32fast::hash(content).to_le_bytes());
     let mut framed = Vec::new();

@@ -9,6 +9,7 @@ pub mod calibration;
 pub mod images;
 pub mod link_decoder;
 pub mod link_lines;
+pub mod live;
 pub mod matcher;
 pub mod meta;
 pub mod parameters;
@@ -20,11 +21,12 @@ pub mod truth_and_masks;
 pub type Target = fn(&[u8]);
 
 /// The names of the targets, which are also those of their corpora, and their functions.
-pub const TARGETS: [(&str, Target); 10] = [
+pub const TARGETS: [(&str, Target); 11] = [
     ("calibration", calibration::run),
     ("images", images::run),
     ("link_decoder", link_decoder::run),
     ("link_lines", link_lines::run),
+    ("live", live::run),
     ("matcher", matcher::run),
     ("meta", meta::run),
     ("parameters", parameters::run),
