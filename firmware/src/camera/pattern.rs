@@ -110,12 +110,17 @@ impl LinePairSource for TestPattern {
     }
 }
 
-/// A camera, or a [`TestPattern`] in its place. Numbers and times of both go on independently.
+/// A camera, or a [`TestPattern`] in its place. Frames are numbered as the camera does until the first
+/// change; after each, they go on with the next number.
 #[derive(Debug)]
 pub struct OrTestPattern<C> {
     camera: C,
     pattern: TestPattern,
     is_pattern: bool,
+    /// What is added to the number of a frame; `None` until the first pair after a change.
+    offset: Option<u32>,
+    /// Number of the frame of the pair that was delivered last.
+    last_frame: u32,
 }
 
 impl<C: LinePairSource> OrTestPattern<C> {
@@ -126,13 +131,18 @@ impl<C: LinePairSource> OrTestPattern<C> {
             pattern: TestPattern::new(camera.geometry(), clock),
             camera,
             is_pattern: false,
+            offset: Some(0),
+            last_frame: 0,
         }
     }
 
     /// Delivers the pattern, from its line 0 on, or the camera's lines.
     pub fn show_pattern(&mut self, is_pattern: bool) {
-        self.pattern.line = 0;
-        self.is_pattern = is_pattern;
+        if is_pattern != self.is_pattern {
+            self.pattern.line = 0;
+            self.is_pattern = is_pattern;
+            self.offset = None;
+        }
     }
 
     /// The camera.
@@ -152,11 +162,17 @@ impl<C: LinePairSource> LinePairSource for OrTestPattern<C> {
     }
 
     fn read_pair(&mut self, left: &mut [u8], right: &mut [u8]) -> Result<LinePair, ErrorKind> {
-        if self.is_pattern {
-            return self.pattern.read_pair(left, right);
-        }
-        let pair = self.camera.read_pair(left, right);
-        pair.map_err(|error| super::Error::kind(&error))
+        let mut pair = if self.is_pattern {
+            self.pattern.read_pair(left, right)?
+        } else {
+            let pair = self.camera.read_pair(left, right);
+            pair.map_err(|error| super::Error::kind(&error))?
+        };
+        let next = self.last_frame.wrapping_add(1);
+        let offset = self.offset.get_or_insert(next.wrapping_sub(pair.frame));
+        pair.frame = pair.frame.wrapping_add(*offset);
+        self.last_frame = pair.frame;
+        Ok(pair)
     }
 }
 
@@ -229,6 +245,28 @@ mod tests {
         let [first, second] = [0, 17].map(|at: usize| &rows[at].1[0]);
         assert_eq!(first[2..], second[..63]);
         assert_ne!(first, second);
+    }
+
+    #[test]
+    fn numbers_go_on_from_camera_to_pattern_and_back() {
+        let geometry = geometry(PixelFormat::Grey8);
+        let camera = TestPattern::new(geometry, || 7);
+        let mut either = OrTestPattern::new(camera, || 7);
+        let (mut left, mut right) = ([0; 65], [0; 65]);
+        let mut number = |either: &mut OrTestPattern<_>| {
+            let pair = either.read_pair(&mut left, &mut right).unwrap();
+            (pair.frame, pair.line)
+        };
+        let mut expected = 0;
+        for frames in [2, 1, 1, 3] {
+            for at in 0..frames * 17 {
+                assert_eq!(number(&mut either), (expected + at / 17, at % 17));
+            }
+            expected += frames;
+            let is_pattern = either.is_pattern;
+            either.show_pattern(is_pattern);
+            either.show_pattern(!is_pattern);
+        }
     }
 
     #[test]
