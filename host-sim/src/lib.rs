@@ -44,3 +44,4 @@ pub mod sink;
 pub mod tables;
 pub mod terminal;
 pub mod views;
+pub mod wall;

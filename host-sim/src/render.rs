@@ -19,6 +19,7 @@ mod squares;
 mod texture;
 mod truth;
 mod vector;
+mod wall;
 
 use core::f64::consts::TAU;
 
@@ -209,6 +210,27 @@ impl BoardPictures {
             height,
         ))
     }
+}
+
+/// Renders a flat textured wall whose plane is `distance_mm` from the left camera, turned about the columns
+/// and the lines by these angles, degrees, as the two cameras of [`RenderedCameras::of`] see it. `frame`
+/// makes another sensor noise.
+#[must_use]
+pub fn render_wall(
+    options: &RenderOptions,
+    distance_mm: f64,
+    turned_degrees: [f64; 2],
+    frame: u32,
+) -> [RgbImage; 2] {
+    let (mut yard, width, height, _) = courtyard(options, 0.0);
+    let turned = turned_degrees.map(f64::to_radians);
+    yard.clear();
+    yard.add(wall::wall(yard.left(), distance_mm / 1000.0, turned));
+    let noisy = RenderOptions {
+        seed: options.seed ^ u64::from(frame) << 32,
+        ..*options
+    };
+    views(&yard, &noisy, [None, None], width, height)
 }
 
 fn scene(

@@ -14,7 +14,7 @@ use vgstereo_firmware::camera::{Layout, LinePairSource, PixelFormat};
 use vgstereo_firmware::{NoWatchdog, Session, session};
 use vgstereo_kernels::NativeKernels;
 
-use super::board::write_board;
+use super::board::{write_board, write_wall};
 use crate::calibration::{Maps, RectifiedPair, StereoCalibration};
 use crate::camera::SimulatedCamera;
 use crate::dataset::save_scene;
@@ -78,6 +78,14 @@ pub struct Demo {
     #[arg(long, value_name = "N", default_value_t = 20, requires = "board",
         value_parser = value_parser!(u32).range(1..=99))]
     poses: u32,
+    /// Only write pairs of a flat textured wall, MM mm before the left camera and square to it, for `wall`:
+    /// left_01.png, right_01.png and so on, to the folder of --out.
+    #[arg(long, value_name = "MM", conflicts_with_all = ["board", "scene", "distort"])]
+    wall: Option<f64>,
+    /// Number of pairs of the wall, 1 to 99, which differ by the sensors' noise.
+    #[arg(long, value_name = "N", default_value_t = 3, requires = "wall",
+        value_parser = value_parser!(u32).range(1..=99))]
+    frames: u32,
     /// How the two sensors share the wire.
     #[arg(long, value_enum, default_value_t = Wire::Separate)]
     layout: Wire,
@@ -179,6 +187,9 @@ impl Demo {
         };
         if let Some(folder) = &self.board {
             return write_board(folder, &options, self.poses);
+        }
+        if let Some(distance_mm) = self.wall {
+            return write_wall(&self.out, &options, distance_mm, self.frames);
         }
         make_folder(&self.out)?;
         let (scene, calibration) = if self.distort {

@@ -5,17 +5,15 @@ use std::fmt::Write;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use image::ImageFormat;
-use vgstereo_core::geometry::{Depth, LaserScan, Rectification, RectifiedCamera};
+use vgstereo_core::geometry::{LaserScan, Rectification};
 use vgstereo_core::{Config, DisparityRange, Preset, Reference};
 use vgstereo_kernels::NativeKernels;
 
-use crate::arguments::{
-    Overrides, RectifiedViews, ScanOptions, name_of, output_of, parse_point, parse_preset,
-};
-use crate::cameras::Cameras;
+use crate::arguments::{Overrides, ScanOptions, name_of, output_of, parse_preset};
+use crate::cameras::CameraOptions;
 use crate::depth_files::DepthFormat;
 use crate::disparity_files::{DisparityFormat, grey_png};
 use crate::escapes::shown;
@@ -94,38 +92,9 @@ pub struct Match {
     /// is none.
     #[arg(long, value_name = "FILE")]
     confidence: Option<PathBuf>,
-    /// Calibration of the cameras: the files that `vgstereo calibration` reads, or one that it wrote.
-    /// The images are then taken as the cameras gave them, and rectified first.
-    #[arg(long, value_name = "FILE", num_args = 1..)]
-    calibration: Vec<PathBuf>,
     /// Also write the rectified views into this folder, as left.png and right.png.
     #[arg(long, value_name = "DIR", requires = "calibration")]
     rectified: Option<PathBuf>,
-    /// Focal length of a rectified pair, px.
-    #[arg(
-        long,
-        value_name = "PX",
-        requires = "baseline",
-        conflicts_with = "calibration"
-    )]
-    focal: Option<f64>,
-    /// Principal point of the left camera of a rectified pair, column and line, px [default: the middle
-    /// of the view].
-    #[arg(long, value_name = "X,Y", requires = "focal", value_parser = parse_point, allow_hyphen_values = true)]
-    principal: Option<[f64; 2]>,
-    /// Distance between the cameras of a rectified pair, mm.
-    #[arg(long, value_name = "MM", requires = "focal")]
-    baseline: Option<f64>,
-    /// Column of the right camera's principal point less that of the left one's, px, as Middlebury's
-    /// calib.txt has it.
-    #[arg(
-        long,
-        value_name = "PX",
-        default_value_t = 0.0,
-        requires = "focal",
-        allow_negative_numbers = true
-    )]
-    doffs: f64,
     /// Match the grey of colour images.
     #[arg(long)]
     grey: bool,
@@ -147,7 +116,7 @@ pub struct Match {
     #[command(flatten)]
     scan: ScanOptions,
     #[command(flatten)]
-    views: RectifiedViews,
+    cameras: CameraOptions,
     #[command(flatten)]
     overrides: Overrides,
 }
@@ -180,8 +149,7 @@ impl Match {
         let standard = Path::new("-");
         let mut inputs = self.images.paths();
         inputs.extend(self.overrides.config.as_deref());
-        inputs.extend(self.calibration.iter().map(PathBuf::as_path));
-        inputs.extend(self.views.files());
+        inputs.extend(self.cameras.files());
         let pictures = self.rectified.iter();
         let pictures =
             pictures.flat_map(|folder| ["left.png", "right.png"].map(|n| folder.join(n)));
@@ -210,7 +178,7 @@ impl Match {
         // What can be refused is, before anything is decoded.
         let pair = self.images.open()?;
         let size = pair.dimensions()?;
-        let cameras = Cameras::read(&self.calibration, &self.views, Some(size))?;
+        let cameras = self.cameras.read(Some(size))?;
         let rectification = cameras.rectification.as_deref();
         let rectification = rectification.map(Rectification::from_bytes).transpose()?;
         let (width, height) = match &rectification {
@@ -221,14 +189,18 @@ impl Match {
         let depth = match &self.depth {
             Some(path) => {
                 let format = DepthFormat::choose(path)?;
-                let depth = self.depth("--depth", rectification.as_ref(), &cameras.warnings)?;
+                let depth =
+                    self.cameras
+                        .depth("--depth", rectification.as_ref(), &cameras.warnings)?;
                 Some((path, format, depth))
             }
             None => None,
         };
         let camera = |option| {
             let size = [width.into(), height];
-            self.camera(option, rectification.as_ref(), &cameras.warnings, size)
+            let (reference, warnings) = (self.reference.into(), &cameras.warnings);
+            self.cameras
+                .camera(option, rectification.as_ref(), warnings, size, reference)
         };
         let points = match &self.points {
             Some(path) => Some((path, PointFormat::choose(path)?, camera("--points")?)),
@@ -361,68 +333,6 @@ impl Match {
             Said::Aside(text)
         } else {
             Said::Output(text)
-        })
-    }
-
-    /// Returns the conversion of disparities to depth, for this option.
-    fn depth(
-        &self,
-        option: &str,
-        rectification: Option<&Rectification<'_>>,
-        warnings: &[String],
-    ) -> Result<Depth> {
-        if let Some(rectification) = rectification {
-            return rectification.depth.with_context(|| {
-                let warnings: String = warnings.iter().map(|warning| format!("; {warning}")).collect();
-                format!(
-                    "{option}: the unit of the calibration's baseline is not known: give it with --unit{warnings}"
-                )
-            });
-        }
-        let (Some(focal_px), Some(baseline_mm)) = (self.focal, self.baseline) else {
-            bail!("{option} needs --calibration, or --focal and --baseline");
-        };
-        // Casts saturate, and what is out of range is refused.
-        let numerator_q8 = (focal_px * baseline_mm * 256.0).round() as u32;
-        let offset_q8 = (self.doffs * 256.0).round() as i32;
-        Depth::new(numerator_q8, offset_q8).with_context(|| {
-            format!(
-                "--focal {focal_px}, --baseline {baseline_mm}, --doffs {}: their product must be above 0 \
-                 and at most 8388 m px, and doffs within 4096 px",
-                self.doffs
-            )
-        })
-    }
-
-    /// Returns the camera of the reference view, which is of this size, px, for this option.
-    fn camera(
-        &self,
-        option: &str,
-        rectification: Option<&Rectification<'_>>,
-        warnings: &[String],
-        size: [u32; 2],
-    ) -> Result<RectifiedCamera> {
-        let depth = self.depth(option, rectification, warnings)?;
-        let camera = match (rectification, self.focal) {
-            (Some(rectification), _) => rectification.camera(self.reference.into()),
-            (None, Some(focal_px)) => {
-                let middle = size.map(|side| (f64::from(side) - 1.0) / 2.0);
-                let [mut x_px, y_px] = self.principal.unwrap_or(middle);
-                if matches!(self.reference, View::Right) {
-                    x_px += self.doffs;
-                }
-                // Casts saturate, and what is out of range is refused.
-                let q8 = |px: f64| (px * 256.0).round();
-                let principal_q8 = [q8(x_px) as i32, q8(y_px) as i32];
-                RectifiedCamera::new(depth, q8(focal_px) as u32, principal_q8)
-            }
-            (None, None) => None,
-        };
-        camera.with_context(|| {
-            format!(
-                "{option}: the focal length must be from 16 to 65536 px, and the principal point \
-                 within that"
-            )
         })
     }
 

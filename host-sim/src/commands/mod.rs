@@ -15,6 +15,7 @@ pub mod exposure;
 pub mod matching;
 pub mod presets_table;
 pub mod sweep;
+pub mod wall;
 
 /// Dense stereo matching with VG-RAM weightless neural networks, on the very core that
 /// firmware links.
@@ -46,6 +47,8 @@ enum Command {
     Ablate(ablate::Ablate),
     /// Measure presets with the right camera exposed differently, on the built-in scene too.
     Exposure(exposure::ExposureWedge),
+    /// Measure the figures of depth cameras on a flat wall: fill rate, accuracy, noise.
+    Wall(wall::Wall),
     /// Show each preset's parameters, working memory and latency.
     Presets(presets_table::Presets),
     /// Print completions for a shell, to be sourced or put where it looks for them.
@@ -72,6 +75,7 @@ impl CommandLine {
             Command::Sweep(sweep) => sweep.run()?,
             Command::Ablate(ablate) => ablate.run()?,
             Command::Exposure(wedge) => wedge.run()?,
+            Command::Wall(wall) => wall.run()?,
             Command::Presets(presets) => presets.run()?,
             Command::Completions { shell } => {
                 let mut script = Vec::new();

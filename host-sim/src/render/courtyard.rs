@@ -127,6 +127,14 @@ impl Courtyard {
         yard
     }
 
+    /// Takes all objects away.
+    pub(super) fn clear(&mut self) {
+        self.objects.clear();
+        for grid in self.tiles.iter_mut().chain([&mut self.shadows]) {
+            grid.clear();
+        }
+    }
+
     /// Adds an object.
     pub(super) fn add(&mut self, object: Object) {
         // There are some thousand objects.
