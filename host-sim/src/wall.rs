@@ -358,9 +358,7 @@ mod tests {
     fn what_tells_no_plane_is_refused() {
         let mut frame = vec![INVALID; WIDTH * 120];
         assert!(measure(&[], WIDTH, WHOLE, &camera(), None).is_err());
-        for at in 0..40 {
-            frame[at] = 160;
-        }
+        frame[..40].fill(160);
         // One line of pixels, and points behind the camera.
         assert!(measure(&[frame.clone()], WIDTH, WHOLE, &camera(), None).is_err());
         frame.fill(-40);
