@@ -15,6 +15,7 @@ pub mod exposure;
 pub mod matching;
 pub mod presets_table;
 pub mod sweep;
+pub mod view;
 
 /// Dense stereo matching with VG-RAM weightless neural networks, on the very core that
 /// firmware links.
@@ -48,6 +49,8 @@ enum Command {
     Exposure(exposure::ExposureWedge),
     /// Show each preset's parameters, working memory and latency.
     Presets(presets_table::Presets),
+    /// Show what a stereo camera sends, live, on a page in the browser.
+    View(Box<view::View>),
     /// Print completions for a shell, to be sourced or put where it looks for them.
     Completions {
         /// The shell.
@@ -73,6 +76,7 @@ impl CommandLine {
             Command::Ablate(ablate) => ablate.run()?,
             Command::Exposure(wedge) => wedge.run()?,
             Command::Presets(presets) => presets.run()?,
+            Command::View(view) => view.run()?,
             Command::Completions { shell } => {
                 let mut script = Vec::new();
                 let mut command = Self::command();

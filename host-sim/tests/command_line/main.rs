@@ -11,3 +11,4 @@ mod joined;
 mod matching;
 mod outputs;
 mod points;
+mod view;
