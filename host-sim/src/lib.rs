@@ -10,7 +10,7 @@
 //! [`mod@frame`] matches whole frames with the kernels of `vgstereo-kernels`, and [`pair_check`]
 //! tells what is wrong with a pair. [`metrics`] measures disparities against ground truth,
 //! [`pictures`] shows them, [`published`] has results to compare with, and [`prepared`] joins a
-//! scene with its matching and measuring. [`arguments`], [`cameras`], [`tables`] and [`terminal`]
+//! scene with its matching and measuring. [`mod@view`] shows what a board sends. [`arguments`], [`cameras`], [`tables`] and [`terminal`]
 //! serve the [`commands`] of `vgstereo`.
 
 pub mod arguments;
@@ -43,5 +43,6 @@ pub mod scene;
 pub mod sink;
 pub mod tables;
 pub mod terminal;
+pub mod view;
 pub mod views;
 pub mod wall;

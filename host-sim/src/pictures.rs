@@ -23,9 +23,22 @@ pub fn colour_disparities(disparities_q4: &[i16], width: u32, range: DisparityRa
             return BLACK;
         }
         let position = (f64::from(disparity_q4) - low) / (high - low);
-        let colour = colorous::TURBO.eval_continuous(position.clamp(0.0, 1.0));
-        Rgb([colour.r, colour.g, colour.b])
+        Rgb(colour_at(position.clamp(0.0, 1.0)))
     })
+}
+
+/// Returns 256 colours from that of the smallest disparity to that of the largest: red, green and blue
+/// of each.
+#[must_use]
+pub fn colour_map() -> Vec<u8> {
+    let positions = (0..=255).map(|level| f64::from(level) / 255.0);
+    positions.flat_map(colour_at).collect()
+}
+
+/// The colour of a place, 0 to 1, in the range of disparities.
+fn colour_at(position: f64) -> [u8; 3] {
+    let colour = colorous::TURBO.eval_continuous(position);
+    [colour.r, colour.g, colour.b]
 }
 
 /// Returns a picture of the errors of disparities, which are in 1/16 px, row-major, in lines of

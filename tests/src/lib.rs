@@ -1,6 +1,7 @@
-//! Helpers of the tests: random pairs, measures of accuracy, faults, oracles for every stage, and
-//! the bodies of the fuzz targets.
+//! Helpers of the tests: random pairs, measures of accuracy, faults, oracles for every stage, a driven
+//! browser, and the bodies of the fuzz targets.
 
+pub mod browser;
 pub mod faults;
 pub mod fuzz;
 pub mod oracle;

@@ -15,6 +15,7 @@ pub mod exposure;
 pub mod matching;
 pub mod presets_table;
 pub mod sweep;
+pub mod view;
 pub mod wall;
 
 /// Dense stereo matching with VG-RAM weightless neural networks, on the very core that
@@ -51,6 +52,8 @@ enum Command {
     Wall(wall::Wall),
     /// Show each preset's parameters, working memory and latency.
     Presets(presets_table::Presets),
+    /// Show what a stereo camera sends, live, on a page in the browser.
+    View(Box<view::View>),
     /// Print completions for a shell, to be sourced or put where it looks for them.
     Completions {
         /// The shell.
@@ -77,6 +80,7 @@ impl CommandLine {
             Command::Exposure(wedge) => wedge.run()?,
             Command::Wall(wall) => wall.run()?,
             Command::Presets(presets) => presets.run()?,
+            Command::View(view) => view.run()?,
             Command::Completions { shell } => {
                 let mut script = Vec::new();
                 let mut command = Self::command();

@@ -11,4 +11,5 @@ mod joined;
 mod matching;
 mod outputs;
 mod points;
+mod view;
 mod wall;

@@ -1,0 +1,111 @@
+//! `vgstereo view`: a page in the browser that shows a stereo camera live.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::thread;
+
+use anyhow::{Context, Result, bail};
+use clap::Args;
+use vgstereo_core::Reference;
+use vgstereo_core::geometry::{Rectification, RectifiedCamera};
+
+use crate::arguments::RectifiedViews;
+use crate::cameras::Cameras;
+use crate::terminal::{note, write_output};
+use crate::view::hub::Hub;
+use crate::view::reader::Reader;
+use crate::view::server;
+use crate::view::source::{Source, serial_ports};
+
+/// The arguments of `vgstereo view`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "The page is at the address that is printed, for this machine alone.\n\n\
+    A serial port:     vgstereo view /dev/ttyACM0\n\
+    A board over TCP:  vgstereo view 192.168.7.2:7000\n\
+    Recorded bytes:    vgstereo view recording.bin\n\
+    No board at all:   vgstereo view --demo"
+)]
+pub struct View {
+    /// Serial port, HOST:PORT, or file of recorded bytes of the link.
+    source: Option<String>,
+    /// A board in this process, which looks at the built-in scene.
+    #[arg(long, conflicts_with = "source")]
+    demo: bool,
+    /// Emulated board, which `cargo firmware live` builds and starts.
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["source", "demo"])]
+    board: Option<String>,
+    /// Speed of a serial port, bits per second.
+    #[arg(long, value_name = "N", default_value_t = 2_000_000)]
+    baud: u32,
+    /// Read a file as fast as can be, rather than at the pace that its bytes were sent at.
+    #[arg(long)]
+    fast: bool,
+    /// Address of the page on this machine; port 0 takes a free one.
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8008")]
+    listen: SocketAddr,
+    /// Calibration of the cameras, as of `match`, for distances where the board does not tell its
+    /// camera.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    calibration: Vec<PathBuf>,
+    #[command(flatten)]
+    views: RectifiedViews,
+}
+
+impl View {
+    /// Opens the source and serves the page until the process ends.
+    ///
+    /// # Errors
+    /// Fails with one line that names the option or source and the reason.
+    pub fn run(self) -> Result<String> {
+        let source = self.source()?;
+        let calibrated = self.camera()?;
+        let listener = server::listen(self.listen)?;
+        let port = source.open()?;
+        let (hub, requests) = Hub::new();
+        let hub = Arc::new(hub);
+        let reader = Reader::new(&source, Arc::clone(&hub), requests, calibrated);
+        thread::Builder::new()
+            .name("reader".to_owned())
+            .spawn(move || reader.run(&source, port))?;
+        write_output(format!("view http://{}/\n", listener.local_addr()?).as_bytes())?;
+        server::serve(listener, hub)?;
+        Ok(String::new())
+    }
+
+    fn source(&self) -> Result<Source> {
+        if self.demo {
+            return Ok(Source::Demo);
+        }
+        if let Some(name) = &self.board {
+            return Ok(Source::Board(name.clone()));
+        }
+        let Some(name) = &self.source else {
+            let ports = serial_ports();
+            let found = if ports.is_empty() {
+                "no serial port was found".to_owned()
+            } else {
+                format!("serial ports found: {}", ports.join(", "))
+            };
+            bail!("name a serial port, HOST:PORT or a file, or give --demo; {found}");
+        };
+        Source::parse(name, self.baud, self.fast)
+    }
+
+    /// The camera of `--calibration`.
+    fn camera(&self) -> Result<Option<RectifiedCamera>> {
+        let cameras = Cameras::read(&self.calibration, &self.views, None)?;
+        let Some(bytes) = &cameras.rectification else {
+            return Ok(None);
+        };
+        let rectification = Rectification::from_bytes(bytes)?;
+        for warning in &cameras.warnings {
+            note(&format!("warning: {warning}"));
+        }
+        let camera = rectification.camera(Reference::Left);
+        camera
+            .map(Some)
+            .context("--calibration: the unit of the baseline is not known: give it with --unit")
+    }
+}
