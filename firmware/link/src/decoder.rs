@@ -11,8 +11,9 @@ use crate::packet::{CHECKSUM_BYTES, VERSION, checksum};
 /// behind tells that its sender has started again.
 pub const REORDERED_MAX: u32 = 64;
 
-/// Kind of the board's hello, which ends the numbers of before.
-const HELLO: u8 = 1;
+/// Kinds of the board's hello and of the host's request for one, which end the numbers of before: they
+/// are what each end says first.
+const FIRST_KINDS: [u8; 2] = [1, 73];
 
 /// A message with what the packet says about it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -215,10 +216,11 @@ impl<'m> Decoder<'m> {
         if let Some(next) = self.next_sequence {
             let ahead = head.sequence.wrapping_sub(next);
             let behind = next.wrapping_sub(head.sequence);
+            let is_first = FIRST_KINDS.contains(&head.kind) && head.sequence == 0;
             let counters = &mut self.counters;
             if ahead <= u32::MAX / 2 {
                 counters.lost = counters.lost.saturating_add(ahead);
-            } else if behind > REORDERED_MAX || (head.kind == HELLO && head.sequence == 0) {
+            } else if behind > REORDERED_MAX || is_first {
                 counters.restarts = counters.restarts.saturating_add(1);
             } else {
                 return Err(Refusal::Stale);

@@ -29,7 +29,7 @@ pub enum HostMessage<'a> {
     Parameters(Parameters),
     /// Set all counters to 0.
     ResetCounters,
-    /// Send a hello.
+    /// Send a hello. The first command of a host, with which its sequence numbers may begin anew.
     SendHello,
     /// Take lines from this source from the next frame on.
     Source(Source),

@@ -188,6 +188,35 @@ fn a_hello_with_the_number_0_begins_the_numbers_anew() {
     assert_eq!((counters.lost, counters.stale), (0, 0));
 }
 
+/// A board may hear one host after another, each of which counts from 0.
+#[test]
+fn a_request_for_a_hello_with_the_number_0_begins_the_numbers_of_a_host_anew() {
+    let mut memory = [0; 700];
+    let mut decoder = Decoder::new(&mut memory);
+    let mut take = |encoder: &mut Encoder<'_>, message: &HostMessage<'_>| {
+        let mut bytes = encoder.encode(0, message).unwrap();
+        let received = decoder.next::<HostMessage<'_>>(&mut bytes);
+        let outcome = received.unwrap().map(|packet| packet.sequence);
+        (outcome, decoder.counters().restarts)
+    };
+    for host in 0..2 {
+        let mut memory = [0; 700];
+        let mut encoder = Encoder::new(&mut memory);
+        let first = take(&mut encoder, &HostMessage::SendHello);
+        assert_eq!(first, (Ok(0), host));
+        // A later one of the same host does not.
+        for number in 1..4 {
+            let next = take(&mut encoder, &HostMessage::SendHello);
+            assert_eq!(next, (Ok(number), host));
+        }
+    }
+    // One that begins with something else is taken for a host that repeats itself.
+    let mut memory = [0; 700];
+    let mut encoder = Encoder::new(&mut memory);
+    let stop = take(&mut encoder, &HostMessage::Stop);
+    assert_eq!(stop, (Err(Refusal::Stale), 1));
+}
+
 /// All that a decoder makes of these bytes, after which a whole packet must come through.
 fn outcomes(bytes: &[u8]) -> Vec<Result<Vec<u8>, Refusal>> {
     let mut memory = [0; 200];
