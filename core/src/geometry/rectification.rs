@@ -121,6 +121,7 @@ pub struct Rectification<'a> {
     pub focal_q8: u32,
     /// Principal point of the left rectified camera: column and line, 1/256 px.
     pub principal_q8: [i32; 2],
+    bytes: &'a [u8],
 }
 
 /// Where each pixel of a rectified view lies in the raw view.
@@ -278,7 +279,14 @@ impl<'a> Rectification<'a> {
                 u32_at(header, 32).cast_signed(),
                 u32_at(header, 36).cast_signed(),
             ],
+            bytes,
         })
+    }
+
+    /// The bytes that it was read from, all of which belong to it.
+    #[must_use]
+    pub const fn bytes(&self) -> &'a [u8] {
+        self.bytes
     }
 
     /// Number of lines that have to be kept of each raw view, so that no line of the rectified views

@@ -1,4 +1,4 @@
-//! Camera that reads its lines from a file of the host, and repeats one frame for ever.
+//! Camera that reads its lines from a file of the host, and repeats its frames for ever.
 
 use semihosting::fs::File;
 use semihosting::io::{Read, Seek, SeekFrom};
@@ -6,26 +6,41 @@ use vgstereo_firmware::camera::{ErrorKind, ErrorType, Geometry, LinePair, LinePa
 use vgstereo_firmware::scripted::Rewind;
 
 /// A camera that reads each pair of lines from a file when it is asked for it, so that no more than
-/// one pair is in memory. Frames are numbered from 0; the timestamp is always 0.
+/// one pair is in memory. Frames are numbered from 0; those of the file come in turn.
 #[derive(Debug)]
 pub struct FileCamera {
     lines: File,
     geometry: Geometry,
+    /// Time of a pair, µs.
+    clock: fn() -> u64,
+    /// Number of frames in the file, at least 1.
+    frames: u32,
     frame: u32,
     line: u32,
 }
 
 impl FileCamera {
-    /// Creates a camera over an open [`LINES_FILE`](crate::LINES_FILE).
+    /// Creates a camera over an open [`LINES_FILE`](crate::LINES_FILE). `clock` gives the time of a
+    /// pair, µs.
     #[must_use]
-    pub fn new(lines: File, geometry: Geometry) -> Self {
+    pub fn new(mut lines: File, geometry: Geometry, clock: fn() -> u64) -> Self {
+        // A file without an end cannot be read either, which is told with the first line.
+        let length = lines.seek(SeekFrom::End(0)).unwrap_or(0);
+        let frames = length.checked_div(frame_bytes(&geometry)).unwrap_or(0);
         Self {
             lines,
             geometry,
+            clock,
+            frames: frames.try_into().unwrap_or(u32::MAX).max(1),
             frame: 0,
             line: 0,
         }
     }
+}
+
+/// Bytes of a frame in the file.
+fn frame_bytes(geometry: &Geometry) -> u64 {
+    2 * geometry.line_bytes() as u64 * u64::from(geometry.height)
 }
 
 /// Fills `bytes` from a file.
@@ -63,7 +78,7 @@ impl LinePairSource for FileCamera {
         let pair = LinePair {
             frame: self.frame,
             line: self.line,
-            timestamp_us: 0,
+            timestamp_us: (self.clock)(),
             dropped: 0,
         };
         self.line += 1;
@@ -71,7 +86,9 @@ impl LinePairSource for FileCamera {
             self.line = 0;
             self.frame = self.frame.wrapping_add(1);
         }
-        let start = u64::from(pair.line) * 2 * line_bytes as u64;
+        let shown = pair.frame.checked_rem(self.frames).unwrap_or(0);
+        let start = u64::from(shown) * frame_bytes(&self.geometry);
+        let start = start + u64::from(pair.line) * 2 * line_bytes as u64;
         let at_line = self.lines.seek(SeekFrom::Start(start));
         at_line.map_err(|_| ErrorKind::Bus)?;
         read_exactly(&self.lines, left)?;

@@ -15,9 +15,12 @@ use core::ffi::CStr;
 pub mod meter;
 pub mod report;
 pub mod request;
+pub mod serial;
 
 #[cfg(target_os = "none")]
 pub mod camera;
+#[cfg(target_os = "none")]
+mod live;
 #[cfg(target_os = "none")]
 pub mod run;
 #[cfg(target_os = "none")]
@@ -28,7 +31,8 @@ pub mod stack;
 pub use report::Report;
 pub use request::Request;
 
-/// File of the camera's lines: for each line, the bytes of the left view, then those of the right.
+/// File of the camera's lines, of one frame or of several that are sent in turn: for each line, the bytes
+/// of the left view, then those of the right.
 pub const LINES_FILE: &CStr = c"lines.raw";
 /// File of the rectification, if the request has a calibration.
 pub const CALIBRATION_FILE: &CStr = c"calibration.vgr";

@@ -8,7 +8,7 @@ use vgstereo_core::geometry::{Depth, LaserScan, RectifiedCamera, ScanConfig};
 use vgstereo_core::{Config, DisparityRange, Method, Preset};
 use vgstereo_firmware::camera::{Geometry, PixelFormat};
 use vgstereo_firmware::scripted::ScriptedFault;
-use vgstereo_firmware::session;
+use vgstereo_firmware::{live, session};
 
 /// Number of cells of the patterns if [`Request::hamming_alone`] is set.
 pub const HAMMING_CELLS: u8 = 64;
@@ -27,15 +27,61 @@ pub struct Calibration {
     pub width: u16,
 }
 
-/// A laser scan to make of each frame: a [`ScanConfig`] in whole numbers.
+/// The left camera of a rectified pair: a [`RectifiedCamera`] in whole numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct ScanRequest {
+pub struct CameraRequest {
     /// The numerator and the offset of [`Depth`], 1/256 mm px and 1/256 px.
     pub depth: (u32, i32),
     /// Focal length, 1/256 px.
     pub focal_q8: u32,
     /// Principal point, column and line, 1/256 px.
     pub principal_q8: [i32; 2],
+}
+
+impl CameraRequest {
+    /// The request for this camera.
+    #[must_use]
+    pub fn new(camera: &RectifiedCamera) -> Self {
+        let depth = camera.depth();
+        Self {
+            depth: (depth.numerator_q8(), depth.offset_q8()),
+            focal_q8: camera.focal_q8(),
+            principal_q8: camera.principal_q8(),
+        }
+    }
+
+    /// The camera; `None` if one of its numbers is out of its range.
+    #[must_use]
+    pub fn camera(&self) -> Option<RectifiedCamera> {
+        let (numerator_q8, offset_q8) = self.depth;
+        let depth = Depth::new(numerator_q8, offset_q8)?;
+        RectifiedCamera::new(depth, self.focal_q8, self.principal_q8)
+    }
+
+    /// Parses its numbers, which are the next of the texts.
+    fn of<'a>(texts: &mut impl Iterator<Item = &'a str>) -> Result<Self, NotARequest> {
+        Ok(Self {
+            depth: (number(texts)?, number(texts)?),
+            focal_q8: number(texts)?,
+            principal_q8: [number(texts)?, number(texts)?],
+        })
+    }
+}
+
+/// Writes its numbers, separated by colons.
+impl fmt::Display for CameraRequest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ((numerator_q8, offset_q8), [cx_q8, cy_q8]) = (self.depth, self.principal_q8);
+        write!(f, "{numerator_q8}:{offset_q8}:{}:", self.focal_q8)?;
+        write!(f, "{cx_q8}:{cy_q8}")
+    }
+}
+
+/// A laser scan to make of each frame: a [`ScanConfig`] in whole numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ScanRequest {
+    /// The camera.
+    pub camera: CameraRequest,
     /// Number of bearings.
     pub bearings: u16,
     /// Pitch of the camera, µrad: the angle of its optical axis below the horizon.
@@ -52,11 +98,8 @@ impl ScanRequest {
     /// The request for a scan over all columns of every found disparity.
     #[must_use]
     pub fn new(config: &ScanConfig) -> Self {
-        let (camera, depth) = (config.camera, config.camera.depth());
         Self {
-            depth: (depth.numerator_q8(), depth.offset_q8()),
-            focal_q8: camera.focal_q8(),
-            principal_q8: camera.principal_q8(),
+            camera: CameraRequest::new(&config.camera),
             bearings: config.bearings,
             // The cast saturates, and what is out of range is refused.
             pitch_urad: (config.pitch_rad * 1e6) as i32,
@@ -70,11 +113,9 @@ impl ScanRequest {
     /// out of its range.
     #[must_use]
     pub fn config(&self, width: u16) -> Option<ScanConfig> {
-        let (numerator_q8, offset_q8) = self.depth;
-        let depth = Depth::new(numerator_q8, offset_q8)?;
         let [low, high] = self.heights_mm;
         Some(ScanConfig {
-            camera: RectifiedCamera::new(depth, self.focal_q8, self.principal_q8)?,
+            camera: self.camera.camera()?,
             columns: 0..width,
             bearings: self.bearings,
             pitch_rad: self.pitch_urad as f32 / 1e6,
@@ -95,14 +136,9 @@ impl ScanRequest {
 /// Writes its numbers, separated by colons.
 impl fmt::Display for ScanRequest {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (numerator_q8, offset_q8) = self.depth;
-        let ([cx_q8, cy_q8], [low, high]) = (self.principal_q8, self.heights_mm);
-        write!(
-            f,
-            "{numerator_q8}:{offset_q8}:{}:{cx_q8}:{cy_q8}:",
-            self.focal_q8
-        )?;
-        write!(f, "{}:{}:{low}:{high}:", self.bearings, self.pitch_urad)?;
+        let [low, high] = self.heights_mm;
+        write!(f, "{}:{}:{}:", self.camera, self.bearings, self.pitch_urad)?;
+        write!(f, "{low}:{high}:")?;
         write!(f, "{}:{}", self.range_max_mm, self.lines_min)
     }
 }
@@ -113,9 +149,7 @@ impl FromStr for ScanRequest {
     fn from_str(text: &str) -> Result<Self, NotARequest> {
         let mut numbers = text.split(':');
         let scan = Self {
-            depth: (number(&mut numbers)?, number(&mut numbers)?),
-            focal_q8: number(&mut numbers)?,
-            principal_q8: [number(&mut numbers)?, number(&mut numbers)?],
+            camera: CameraRequest::of(&mut numbers)?,
             bearings: number(&mut numbers)?,
             pitch_urad: number(&mut numbers)?,
             heights_mm: [number(&mut numbers)?, number(&mut numbers)?],
@@ -149,9 +183,13 @@ pub struct Request {
     pub calibration: Option<Calibration>,
     /// The laser scan to make of each frame, if any.
     pub scan: Option<ScanRequest>,
+    /// The camera of rectified lines that come without a calibration, if it is known. For the link.
+    pub camera: Option<CameraRequest>,
+    /// Whether the board serves the link over its serial port, for ever, and writes no files.
+    pub is_live: bool,
     /// Range of disparities to search.
     pub disparities: DisparityRange,
-    /// Number of whole frames to deliver.
+    /// Number of whole frames to deliver, if the board is not live.
     pub frames: u32,
     /// Faults that the camera simulates.
     pub faults: Vec<ScriptedFault, MAX_FAULTS>,
@@ -197,13 +235,25 @@ impl Request {
         })
     }
 
-    /// Bytes of the lent memory that session, matcher, rectifier, rectification and scan take.
+    /// Words of 32 bits that the link takes.
+    #[must_use]
+    pub fn link_words(&self) -> usize {
+        if self.is_live {
+            live::memory_words(&self.geometry, &self.config())
+        } else {
+            0
+        }
+    }
+
+    /// Bytes of the lent memory that session, matcher, rectifier, rectification, scan and link
+    /// take.
     #[must_use]
     pub fn working_bytes(&self) -> usize {
         let [rectification, rectifier] = self.calibration_words();
         let words = session::memory_words(&self.geometry) + self.config().memory_words();
         let scan = self.scan.map_or(0, |scan| scan.words());
-        (words + rectification + rectifier + scan) * size_of::<u32>()
+        let link = self.link_words();
+        (words + rectification + rectifier + scan + link) * size_of::<u32>()
     }
 }
 
@@ -232,6 +282,12 @@ impl fmt::Display for Request {
         }
         if let Some(scan) = self.scan {
             write!(f, " scan={scan}")?;
+        }
+        if let Some(camera) = self.camera {
+            write!(f, " camera={camera}")?;
+        }
+        if self.is_live {
+            f.write_str(" output=link")?;
         }
         for fault in &self.faults {
             write!(f, " fault={fault}")?;
@@ -269,6 +325,8 @@ impl FromStr for Request {
             },
             calibration: None,
             scan: None,
+            camera: None,
+            is_live: false,
             disparities: DisparityRange::up_to(0),
             frames: 1,
             faults: Vec::new(),
@@ -297,6 +355,11 @@ impl FromStr for Request {
                     });
                 }
                 "scan" => request.scan = Some(value(text)?),
+                "camera" => {
+                    let mut numbers = text.splitn(5, ':');
+                    request.camera = Some(CameraRequest::of(&mut numbers)?);
+                }
+                "output" if text == "link" => request.is_live = true,
                 "fault" => {
                     let fault = value(text)?;
                     request.faults.push(fault).map_err(|_| NotARequest)?;
@@ -341,6 +404,8 @@ mod tests {
                     },
                     calibration: None,
                     scan: None,
+                    camera: None,
+                    is_live: false,
                     disparities: DisparityRange {
                         minimum_px: -3,
                         count: 48,
@@ -355,10 +420,15 @@ mod tests {
                     rectifier_words: 77,
                     width: 300,
                 });
-                request.scan = Some(ScanRequest {
+                request.is_live = true;
+                let camera = CameraRequest {
                     depth: (u32::MAX, i32::MIN),
                     focal_q8: u32::MAX,
                     principal_q8: [i32::MIN, i32::MAX],
+                };
+                request.camera = Some(camera);
+                request.scan = Some(ScanRequest {
+                    camera,
                     bearings: 90,
                     pitch_urad: -150_000,
                     heights_mm: [i16::MIN, i16::MAX],
@@ -391,6 +461,9 @@ mod tests {
             "costs=",
             "fault=1",
             "calibration=1:2",
+            "camera=1:2:3:4",
+            "camera=1:2:3:4:5:6",
+            "output=files",
             "scan=1:2:3:4:5:6:7:8:9:10",
             "scan=1:2:3:4:5:6:7:8:9:10:11:12",
         ] {

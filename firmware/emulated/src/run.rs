@@ -17,9 +17,11 @@ use vgstereo_firmware::watchdog::NoWatchdog;
 use vgstereo_firmware::{Event, Session, Statistics};
 
 use crate::camera::{self, FileCamera};
+use crate::live::{self, Parts};
 use crate::meter::{Counter, Meter, Metered, Stage};
 use crate::report::Report;
 use crate::request::{Calibration, Request};
+use crate::serial::Uart;
 use crate::sink::{self, FileSink, PacketSink, ScanFile};
 use crate::stack::Stack;
 use crate::{
@@ -29,19 +31,32 @@ use crate::{
 /// Largest length of the command line, bytes.
 const COMMAND_LINE_BYTES: usize = 1024;
 
-/// Serves the request on the command line, with `memory` for session and matcher, writes the
-/// report, and ends the emulation.
-pub fn run<C: Counter>(
-    counter: C,
-    kernels: impl Kernels,
-    memory: &'static mut [u32],
-    stack: Stack,
-) -> ! {
+/// What a board brings.
+#[derive(Debug)]
+pub struct Board<C, U, K> {
+    /// The board's name.
+    pub name: &'static str,
+    /// Counts instructions.
+    pub counter: C,
+    /// The port to the host.
+    pub uart: U,
+    /// The kernels of the processor.
+    pub kernels: K,
+    /// Memory for session and matcher.
+    pub memory: &'static mut [u32],
+    /// The stack, painted.
+    pub stack: Stack,
+}
+
+/// Serves the request on the command line, writes the report, and ends the emulation. A board that is
+/// live serves the link instead, and never ends.
+pub fn run<C: Counter, U: Uart, K: Kernels>(board: Board<C, U, K>) -> ! {
+    let stack = board.stack;
     let Ok(file) = File::create(REPORT_FILE) else {
         process::exit(1);
     };
     let mut text = Text(file);
-    let written = match serve(counter, kernels, memory) {
+    let written = match serve(board) {
         Ok(report) => write!(
             text,
             "{}",
@@ -56,17 +71,14 @@ pub fn run<C: Counter>(
 }
 
 /// Reason for which a request is not served.
-struct Refusal(&'static str);
+pub(crate) struct Refusal(pub(crate) &'static str);
 
-fn serve<C: Counter>(
-    counter: C,
-    kernels: impl Kernels,
-    memory: &'static mut [u32],
-) -> Result<Report, Refusal> {
+fn serve<C: Counter, U: Uart, K: Kernels>(board: Board<C, U, K>) -> Result<Report, Refusal> {
+    let (kernels, memory) = (board.kernels, board.memory);
     let request = read_request().ok_or(Refusal("the command line is not a request"))?;
     let geometry = request.geometry;
     let config = request.config();
-    let meter = Meter::new(counter);
+    let meter = Meter::new(board.counter);
     let line_words = session::memory_words(&geometry);
     let (lines, memory) = memory
         .split_at_mut_checked(line_words)
@@ -79,14 +91,36 @@ fn serve<C: Counter>(
     let (scan, memory) = memory
         .split_at_mut_checked(scan_words)
         .ok_or(Refusal("the scan does not fit the lent memory"))?;
+    let (link, memory) = memory
+        .split_at_mut_checked(request.link_words())
+        .ok_or(Refusal("the link does not fit the lent memory"))?;
     // The packets of the link, whose cost is measured where they have room beside the rest.
     let matcher_words = config.memory_words();
     let (memory, packet) = memory.split_at_mut(matcher_words.min(memory.len()));
     let matcher = Matcher::new(&config, Metered::new(kernels, &meter), memory);
     let matcher = matcher.map_err(|_| Refusal("the matcher refuses the configuration"))?;
+    let mut rectifier = match request.calibration {
+        Some(stated) => Some(rectifier(stated, &request, calibration, matcher.kernels())?),
+        None => None,
+    };
+    let rectifier = rectifier.as_mut();
 
     let file_error = |_| Refusal("a file cannot be opened");
-    let camera = FileCamera::new(File::open(LINES_FILE).map_err(file_error)?, geometry);
+    let file = File::open(LINES_FILE).map_err(file_error)?;
+    if request.is_live {
+        let board = Parts {
+            name: board.name,
+            uart: board.uart,
+            file,
+            rectifier,
+            matcher,
+            lines,
+            link,
+        };
+        return live::serve(&request, board).map(|never| match never {});
+    }
+    // No file has a time in it.
+    let camera = FileCamera::new(file, geometry, || 0);
     let camera = FaultyCamera::new(camera, &request.faults);
     let sink = FileSink::new(
         File::create(DISPARITIES_FILE).map_err(file_error)?,
@@ -97,11 +131,6 @@ fn serve<C: Counter>(
     let sink = Metered::new(sink, &meter);
     let sink = BothSinks::new(sink, PacketSink::new(packet, config.width, &meter));
     let sink = BothSinks::new(sink, scanner(&request, scan)?);
-    let mut rectifier = match request.calibration {
-        Some(stated) => Some(rectifier(stated, &request, calibration, matcher.kernels())?),
-        None => None,
-    };
-    let rectifier = rectifier.as_mut();
     let session = Session::rectifying(camera, rectifier, matcher, sink, lines, NoWatchdog);
     let mut session = session.map_err(|_| Refusal("the session refuses the camera"))?;
 

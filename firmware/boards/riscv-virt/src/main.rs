@@ -2,11 +2,14 @@
 #![no_std]
 #![no_main]
 
+mod uart;
+
 use riscv::register::minstret;
 use riscv_rt::entry;
 use static_cell::ConstStaticCell;
+use uart::Ns16550a;
 use vgstereo_emulated::meter::Counter;
-use vgstereo_emulated::run::run;
+use vgstereo_emulated::run::{Board, run};
 use vgstereo_emulated::stack::Stack;
 use vgstereo_kernels::Rv32;
 
@@ -36,5 +39,12 @@ unsafe extern "C" {
 fn main() -> ! {
     // SAFETY: the linker defines the bounds, there is no heap, and no interrupt is enabled.
     let stack = unsafe { Stack::paint(&raw mut __estack, &raw mut _stack_start) };
-    run(Retired, Rv32, MEMORY.take(), stack)
+    run(Board {
+        name: env!("CARGO_PKG_NAME"),
+        counter: Retired,
+        uart: Ns16550a::start(),
+        kernels: Rv32,
+        memory: MEMORY.take(),
+        stack,
+    })
 }

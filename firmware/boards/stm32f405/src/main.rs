@@ -2,12 +2,15 @@
 #![no_std]
 #![no_main]
 
+mod usart;
+
 // Linked for its critical sections, which the log needs.
 use cortex_m as _;
 use cortex_m_rt::entry;
 use static_cell::ConstStaticCell;
+use usart::Usart1;
 use vgstereo_emulated::meter::Counter;
-use vgstereo_emulated::run::run;
+use vgstereo_emulated::run::{Board, run};
 use vgstereo_emulated::stack::Stack;
 use vgstereo_kernels::Armv7em;
 
@@ -59,5 +62,12 @@ unsafe extern "C" {
 fn main() -> ! {
     // SAFETY: the linker defines the bounds, there is no heap, and no interrupt is enabled.
     let stack = unsafe { Stack::paint(&raw mut _stack_end, &raw mut _stack_start) };
-    run(Timer2::start(), Armv7em, MEMORY.take(), stack)
+    run(Board {
+        name: env!("CARGO_PKG_NAME"),
+        counter: Timer2::start(),
+        uart: Usart1::start(),
+        kernels: Armv7em,
+        memory: MEMORY.take(),
+        stack,
+    })
 }
