@@ -1,10 +1,11 @@
 //! Runs a board in its emulator. The board reads its lines from a file, and writes files of
 //! disparities and confidences and a report.
 
-use std::ffi::CStr;
+use std::ffi::{CStr, OsString};
 use std::fs::{self, File};
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::slice;
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
@@ -14,7 +15,7 @@ use vgstereo_emulated::{
 };
 use wait_timeout::ChildExt;
 
-use crate::board::Board;
+use crate::board::{Board, Emulation};
 use crate::host::Frames;
 use crate::log;
 use crate::pair::Pair;
@@ -34,6 +35,42 @@ pub enum Clock {
     Host,
     /// Each instruction takes a fixed time, so that counts are equal in every run.
     Instructions,
+}
+
+/// The arguments of the emulator for a board that is given a request, without those of its serial port.
+pub(crate) fn arguments(
+    emulation: &Emulation,
+    firmware: &Path,
+    request: &Request,
+) -> Vec<OsString> {
+    let mut semihosting = "enable=on,target=native,arg=vgstereo".to_owned();
+    for word in request.to_string().split(' ') {
+        semihosting += ",arg=";
+        semihosting += word;
+    }
+    let display = ["-display", "none", "-monitor", "none"];
+    let ours = ["-semihosting-config", &semihosting, "-kernel"];
+    let all = emulation.arguments.iter().chain(&display).chain(&ours);
+    let all = all.map(OsString::from).chain([firmware.into()]);
+    all.collect()
+}
+
+/// Writes the files that a board reads: the lines of these frames, and their calibration if they have one.
+///
+/// # Errors
+/// Fails when one cannot be written.
+pub(crate) fn write_inputs(folder: &Path, frames: &[Pair]) -> Result<()> {
+    let write = |name: &CStr, bytes: &[u8]| {
+        let path = folder.join(&*name.to_string_lossy());
+        fs::write(path, bytes).context("cannot write a temporary file")
+    };
+    let mut lines = Vec::new();
+    for pair in frames {
+        lines.extend(pair.lines()?);
+    }
+    write(LINES_FILE, &lines)?;
+    let calibration = frames.iter().find_map(|pair| pair.rectification.as_ref());
+    calibration.map_or(Ok(()), |bytes| write(CALIBRATION_FILE, bytes))
 }
 
 /// Runs a board's firmware on a pair and returns all whole frames with the board's report.
@@ -69,26 +106,15 @@ pub fn run_logged(
     let read = |name: &CStr| {
         fs::read(path(name)).with_context(|| format!("{} has not written {name:?}", board.name))
     };
-    fs::write(path(LINES_FILE), pair.lines()?).context("cannot write a temporary file")?;
-    if let Some(bytes) = &pair.rectification {
-        fs::write(path(CALIBRATION_FILE), bytes).context("cannot write a temporary file")?;
-    }
-
-    let mut semihosting = "enable=on,target=native,arg=vgstereo".to_owned();
-    for word in request.to_string().split(' ') {
-        semihosting += ",arg=";
-        semihosting += word;
-    }
+    write_inputs(folder.path(), slice::from_ref(pair))?;
     let create = |name: &CStr| {
         let file = File::create(path(name));
         file.context("cannot write a temporary file")
     };
     let mut command = Command::new(emulation.program);
     command
-        .args(emulation.arguments)
-        .args(["-display", "none", "-monitor", "none", "-serial", "none"])
-        .args(["-semihosting-config", &semihosting, "-kernel"])
-        .arg(firmware)
+        .args(arguments(&emulation, firmware, request))
+        .args(["-serial", "none"])
         // The board opens its files in this folder.
         .current_dir(folder.path())
         .stdin(Stdio::null())

@@ -9,11 +9,13 @@
 //! verbs of `cargo firmware`.
 
 pub mod board;
+pub mod bridge;
 pub mod build;
 pub mod commands;
 pub mod elf;
 pub mod emulator;
 pub mod host;
+pub mod live;
 pub mod log;
 pub mod model;
 pub mod pair;

@@ -11,7 +11,7 @@ use vgstereo_core::geometry::{
 };
 use vgstereo_core::{DisparityRange, Preset, Reference};
 use vgstereo_emulated::Request;
-use vgstereo_emulated::request::{Calibration, MAX_FAULTS, ScanRequest};
+use vgstereo_emulated::request::{Calibration, CameraRequest, MAX_FAULTS, ScanRequest};
 use vgstereo_firmware::camera::{Geometry, Layout, LinePairSource, PixelFormat};
 use vgstereo_firmware::scripted::ScriptedFault;
 use vgstereo_sim::calibration::{Camera, Lens, Maps, RectifiedPair, StereoCalibration};
@@ -192,6 +192,8 @@ impl Pair {
             geometry: self.geometry()?,
             calibration: self.calibration()?,
             scan: None,
+            camera: None,
+            is_live: false,
             disparities: self.disparities,
             frames,
             faults: Default::default(),
@@ -199,6 +201,20 @@ impl Pair {
         let taken = request.faults.extend_from_slice(faults);
         ensure!(taken.is_ok(), "a board takes at most {MAX_FAULTS} faults");
         Ok(request)
+    }
+
+    /// Returns the request to match this pair for ever and to serve the link, while the camera has
+    /// these faults.
+    ///
+    /// # Errors
+    /// As [`Pair::request`].
+    pub fn live_request(&self, preset: Preset, faults: &[ScriptedFault]) -> Result<Request> {
+        let camera = self.camera.filter(|_| self.rectification.is_none());
+        Ok(Request {
+            camera: camera.map(|(camera, _)| CameraRequest::new(&camera)),
+            is_live: true,
+            ..self.request(preset, 0, faults)?
+        })
     }
 
     /// Returns a laser scan of 60 bearings of what this pair shows at heights from 500 mm below the

@@ -13,9 +13,11 @@ use selection::Selection;
 
 pub mod bench;
 pub mod images;
+pub mod live;
 pub mod run;
 pub mod selection;
 pub mod size;
+pub mod source;
 pub mod verify;
 
 /// Firmware: built, and on emulated boards fed with images as by a camera and held to the
@@ -37,6 +39,8 @@ enum Verb {
     Lint(Selection),
     /// Run a board on a pair of images and write its disparity map.
     Run(Box<run::Run>),
+    /// Run a board that serves the link to hosts, until it is ended.
+    Live(Box<live::Live>),
     /// Compare boards with the host, byte for byte, with every preset that fits.
     Verify(Box<verify::Verify>),
     /// Count instructions per pixel and disparity, in all and per stage.
@@ -93,6 +97,7 @@ impl CommandLine {
                 Ok(text)
             }
             Verb::Run(run) => run.run(),
+            Verb::Live(live) => live.run(),
             Verb::Verify(verify) => verify.run(),
             Verb::Bench(bench) => bench.run(),
             Verb::Size(size) => size.run(),

@@ -6,20 +6,16 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use vgstereo_core::geometry::{LaserScan, Scan, ScanConfig};
-use vgstereo_core::{DisparityRange, Preset};
 use vgstereo_emulated::request::ScanRequest;
-use vgstereo_firmware::camera::PixelFormat;
-use vgstereo_firmware::scripted::{NotAFault, ScriptedFault};
-use vgstereo_sim::arguments::{ScanOptions, parse_preset};
+use vgstereo_sim::arguments::ScanOptions;
 use vgstereo_sim::disparity_files::DisparityFormat;
 use vgstereo_sim::files::{ensure_distinct_outputs, write_files};
 use vgstereo_sim::scan_files::ScanFormat;
 
-use super::images::Images;
 use super::selection::parse_executed_board;
+use super::source::{Source, ensure_fits};
 use crate::board::{Board, Model};
 use crate::build::build;
-use crate::elf::Sizes;
 use crate::emulator::{self, Clock};
 use crate::host::Frames;
 use crate::model::{self, Report, Scenario};
@@ -42,36 +38,17 @@ pub struct Run {
     #[arg(long, value_name = "B", value_parser = parse_executed_board)]
     board: Board,
     #[command(flatten)]
-    images: Images,
+    source: Source,
     #[command(flatten)]
     scan: ScanOptions,
-    /// Folder of a scene, as `vgstereo eval` reads them. A small board gets the scene in grey
-    /// and half as large.
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["left", "calibration"])]
-    scene: Option<PathBuf>,
-    /// Preset; `vgstereo presets` lists them.
-    #[arg(long, value_name = "P", default_value_t = Preset::Lite, value_parser = parse_preset)]
-    preset: Preset,
-    /// Largest disparity to search, px [default: 31, the scene's, or that of the real board].
-    #[arg(long, value_name = "N")]
-    d_max: Option<u16>,
-    /// Send colour rather than grey [default for a scene on a board that is not small].
-    #[arg(long)]
-    colour: bool,
     /// Whole frames to wait for; the last one is written.
     #[arg(long, value_name = "N", default_value_t = 1)]
     frames: u32,
-    /// ScriptedFault of the camera. May be repeated.
-    #[arg(long, value_name = "FAULT", value_parser = parse_fault)]
-    fault: Vec<ScriptedFault>,
     /// Disparity map to write: .png or .pgm (value = disparity x scale, 0 = none), or .pfm
     /// (px, infinity = none).
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
 }
-
-/// The number of disparities that are searched unless a scene or `--d-max` states another.
-const DEFAULT_DISPARITIES: u16 = 32;
 
 impl Run {
     /// Runs the board, writes the disparity map and returns the text to print.
@@ -80,18 +57,12 @@ impl Run {
     /// Fails with one line that names the file or option and the reason.
     pub fn run(self) -> Result<String> {
         ensure!(self.frames > 0, "--frames must be at least 1");
-        let mut pair = self.pair()?;
-        if let Some(d_max) = self.d_max {
-            pair.disparities = DisparityRange::up_to(d_max);
-        }
-        if self.colour {
-            pair.format = PixelFormat::Rgb888;
-        }
+        let pair = self.source.pair(&self.board)?;
         let format = DisparityFormat::choose(&self.out, None, pair.disparities)?;
         if let Some(model) = self.board.model {
             return self.run_modelled(&model, &pair, format);
         }
-        let mut request = pair.request(self.preset, self.frames, &self.fault)?;
+        let mut request = pair.request(self.source.preset, self.frames, &self.source.faults)?;
         let scan = match &self.scan.scan {
             Some(path) => {
                 ensure_distinct_outputs(&[], &[&self.out, path]).context("--out, --scan")?;
@@ -110,14 +81,7 @@ impl Run {
         request.config().validate()?;
         ensure_complete(&[self.board])?;
         let firmware = build(&self.board)?;
-        let (needed, lent) = (request.working_bytes(), Sizes::read(&firmware)?.lent_bytes);
-        ensure!(
-            needed <= lent,
-            "{} at {} takes {needed} bytes of memory, {} lends {lent}",
-            self.preset,
-            pair.size(),
-            self.board.name
-        );
+        ensure_fits(&self.board, &firmware, &pair, &request)?;
         let ran = emulator::run_logged(&self.board, &firmware, &pair, &request, Clock::Host)?;
         let (frames, report, log) = ran;
         let width = request.width().into();
@@ -135,7 +99,7 @@ impl Run {
         let mut text = format!(
             "{}: {} on {} {}, {} bytes of working memory, {} bytes of stack\n",
             self.board.name,
-            self.preset,
+            self.source.preset,
             pair.name,
             pair.size(),
             report.working_bytes,
@@ -166,17 +130,17 @@ impl Run {
             self.board.name
         );
         ensure!(
-            self.preset == built_for.preset,
+            self.source.preset == built_for.preset,
             "the firmware of {} is built for {}",
             self.board.name,
             built_for.preset
         );
         model::expected(built_for, pair)?;
-        let faults = u32::try_from(self.fault.len())?;
+        let faults = u32::try_from(self.source.faults.len())?;
         let scenario = Scenario {
             // A fault costs the frame that it strikes.
             frames: self.frames.saturating_add(faults),
-            faults: self.fault.clone(),
+            faults: self.source.faults.clone(),
             until_ms: u64::MAX / 1_000_000,
             ..Scenario::default()
         };
@@ -217,20 +181,6 @@ impl Run {
         writeln!(text, "wrote {}", self.out.display())?;
         Ok(text)
     }
-
-    /// Returns the scene or the images that the options name, or else the built-in scene.
-    fn pair(&self) -> Result<Pair> {
-        if let Some(folder) = &self.scene {
-            return Pair::load(folder, &self.board);
-        }
-        let model = self.board.model;
-        let disparities = model.map_or(DEFAULT_DISPARITIES, |built_for| built_for.disparities);
-        let pair = self.images.pair(disparities)?;
-        Ok(pair.unwrap_or_else(|| match &model {
-            Some(built_for) => model::built_in_pair(built_for),
-            None => Pair::rendered(160, 120, disparities),
-        }))
-    }
 }
 
 /// The scan of the last frame.
@@ -266,8 +216,4 @@ impl LastScan {
             range_max_mm: self.range_max_mm,
         }
     }
-}
-
-fn parse_fault(text: &str) -> Result<ScriptedFault, String> {
-    text.parse().map_err(|error: NotAFault| error.to_string())
 }

@@ -1,0 +1,107 @@
+//! `cargo firmware live`: runs a board that serves the link, until it is ended.
+
+use std::io::{self, Write};
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use anyhow::{Context, Result};
+use clap::Args;
+use vgstereo_sim::terminal::write_output;
+
+use super::selection::parse_emulated_board;
+use super::source::{Source, ensure_fits};
+use crate::board::Board;
+use crate::bridge::Damage;
+use crate::build::build;
+use crate::live::{Link, LiveBoard};
+use crate::toolchain::ensure_complete;
+
+/// How often it is looked whether standard input is closed.
+const LOOK: Duration = Duration::from_millis(100);
+
+/// The arguments of `live`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Prints `link ADDRESS` when the board has started, and goes on until it is interrupted or, if \
+    standard input is a pipe, until that is closed. Hosts may come and go; one is served at a time. docs/link.md \
+    has the bytes. Without images, the board sees the built-in scene at 160x120 px.\n\nExample: cargo firmware \
+    live --board stm32f405 --listen 127.0.0.1:7878"
+)]
+pub struct Live {
+    /// The board: stm32f405, mps2-an500, riscv-virt or riscv-virt-zbb.
+    #[arg(long, value_name = "B", value_parser = parse_emulated_board)]
+    board: Board,
+    #[command(flatten)]
+    source: Source,
+    /// Address at which the link is served; with port 0, a port that is free.
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:0")]
+    listen: SocketAddr,
+    /// Leave out the N-th byte that is sent to hosts, to test these. May be repeated.
+    #[arg(long, value_name = "N", help_heading = "Damage")]
+    drop_byte: Vec<u64>,
+    /// Change a bit of the N-th byte that is sent to hosts, likewise.
+    #[arg(long, value_name = "N", help_heading = "Damage")]
+    flip_byte: Vec<u64>,
+}
+
+impl Live {
+    /// Runs the board until it is ended, and returns the text to print then, which is none.
+    ///
+    /// # Errors
+    /// Fails with one line that names the file or option and the reason.
+    pub fn run(self) -> Result<String> {
+        let pair = self.source.pair(&self.board)?;
+        let request = pair.live_request(self.source.preset, &self.source.faults)?;
+        request.config().validate()?;
+        ensure_complete(&[self.board])?;
+        let firmware = build(&self.board)?;
+        ensure_fits(&self.board, &firmware, &pair, &request)?;
+        let link = Link {
+            address: self.listen,
+            damage: Damage {
+                dropped: self.drop_byte,
+                flipped: self.flip_byte,
+            },
+        };
+        let mut live = LiveBoard::emulated(&self.board, &firmware, &[pair], &request, link)?;
+        write_output(format!("link {}\n", live.address()).as_bytes())?;
+        io::stdout()
+            .flush()
+            .context("cannot write to standard output")?;
+        let is_over = end_of_input()?;
+        while !is_over.load(Ordering::Relaxed) {
+            live.wait(LOOK)?;
+        }
+        Ok(String::new())
+    }
+}
+
+/// Returns what becomes true when standard input is a pipe and is closed.
+fn end_of_input() -> Result<Arc<AtomicBool>> {
+    let is_over = Arc::new(AtomicBool::new(false));
+    if is_pipe().context("standard input")? {
+        let ends = Arc::clone(&is_over);
+        thread::spawn(move || {
+            // Closed or broken, it is over.
+            let _ = io::copy(&mut io::stdin().lock(), &mut io::sink());
+            ends.store(true, Ordering::Relaxed);
+        });
+    }
+    Ok(is_over)
+}
+
+#[cfg(unix)]
+fn is_pipe() -> io::Result<bool> {
+    use std::os::fd::AsFd;
+    use std::os::unix::fs::FileTypeExt;
+    let input = std::fs::File::from(io::stdin().as_fd().try_clone_to_owned()?);
+    Ok(input.metadata()?.file_type().is_fifo())
+}
+
+#[cfg(not(unix))]
+fn is_pipe() -> io::Result<bool> {
+    Ok(false)
+}

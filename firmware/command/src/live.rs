@@ -1,0 +1,179 @@
+//! Boards that run until they are ended, with their serial port at a TCP port of this machine.
+
+use std::fs::File;
+use std::io::{ErrorKind, Read, Seek, SeekFrom};
+use std::net::SocketAddr;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use anyhow::{Context, Error, Result, anyhow};
+use tempfile::TempDir;
+use vgstereo_emulated::{REPORT_FILE, Request};
+
+use crate::board::Board;
+use crate::bridge::{Bridge, Damage, Event};
+use crate::emulator;
+use crate::pair::Pair;
+
+/// The longest time from the start of a board to its first byte.
+const LONGEST_START: Duration = Duration::from_secs(120);
+
+/// Where the link of a board is served, and what is done to it.
+#[derive(Debug, Clone)]
+pub struct Link {
+    /// The address to listen at; with port 0 a port that is free.
+    pub address: SocketAddr,
+    /// What is done to the bytes on purpose.
+    pub damage: Damage,
+}
+
+/// A board that runs. It is ended with this value, and where the system has a way to do so
+/// (Linux: `setpriv`, of util-linux), also when the thread that has started it ends in whatever way.
+#[derive(Debug)]
+pub struct LiveBoard {
+    name: &'static str,
+    child: Child,
+    bridge: Bridge,
+    complaint: File,
+}
+
+impl LiveBoard {
+    /// Starts the firmware of an emulated board with a request for the link. Its camera sends these
+    /// frames in turn. Returns when the board has begun to speak.
+    ///
+    /// # Errors
+    /// Fails with one line that says what the emulator or the board complains of, or that the address
+    /// cannot be listened at.
+    pub fn emulated(
+        board: &Board,
+        firmware: &Path,
+        frames: &[Pair],
+        request: &Request,
+        link: Link,
+    ) -> Result<Self> {
+        let emulation = board.emulation()?;
+        let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
+        emulator::write_inputs(folder.path(), frames)?;
+        let start = |mut command: Command| {
+            command
+                .args(emulator::arguments(&emulation, firmware, request))
+                .args([
+                    "-chardev",
+                    "stdio,id=link,signal=off",
+                    "-serial",
+                    "chardev:link",
+                ])
+                // The board opens its files in this folder.
+                .current_dir(folder.path());
+            command
+        };
+        let live = Self::start(board.name, emulation.program, start, link)?;
+        live.began(folder)
+    }
+
+    /// Starts a program with the board's serial port at its standard input and output.
+    fn start(
+        name: &'static str,
+        program: &str,
+        configured: impl Fn(Command) -> Command,
+        link: Link,
+    ) -> Result<Self> {
+        let complaint = tempfile::tempfile().context("cannot make a temporary file")?;
+        let spawn = |command: Command| {
+            let stderr = complaint.try_clone()?;
+            configured(command)
+                .stdin(Stdio::piped())
+                .stdout(Stdio::piped())
+                .stderr(stderr)
+                .spawn()
+        };
+        let mut tied = Command::new("setpriv");
+        tied.args(["--pdeathsig", "KILL", program]);
+        let spawned = match spawn(tied) {
+            Err(error) if error.kind() == ErrorKind::NotFound => spawn(Command::new(program)),
+            spawned => spawned,
+        };
+        let mut child = spawned.with_context(|| format!("cannot run {program}"))?;
+        let ends = child.stdout.take().zip(child.stdin.take());
+        let bridge = ends
+            .context("the board has no serial port")
+            .and_then(|(from, to)| Bridge::open(link.address, from, to, link.damage));
+        match bridge {
+            Ok(bridge) => Ok(Self {
+                name,
+                child,
+                bridge,
+                complaint,
+            }),
+            Err(error) => {
+                end(&mut child);
+                Err(error)
+            }
+        }
+    }
+
+    /// Waits until the board has spoken, by when it has opened all files in the folder.
+    fn began(mut self, folder: TempDir) -> Result<Self> {
+        match self.bridge.next_event(LONGEST_START) {
+            Some(Event::Spoke) => Ok(self),
+            Some(Event::Ended) => {
+                let report = folder.path().join(&*REPORT_FILE.to_string_lossy());
+                let report = std::fs::read_to_string(report).unwrap_or_default();
+                Err(match report.strip_prefix("error ") {
+                    Some(reason) => anyhow!("{}: {}", self.name, reason.trim_end()),
+                    None => self.failure(),
+                })
+            }
+            None => Err(anyhow!("{} says nothing for {LONGEST_START:?}", self.name)),
+        }
+    }
+
+    /// Where its link is served.
+    #[must_use]
+    pub fn address(&self) -> SocketAddr {
+        self.bridge.address()
+    }
+
+    /// Waits for this long.
+    ///
+    /// # Errors
+    /// Fails with one line when the board ends within that time, which it does not by itself.
+    pub fn wait(&mut self, time: Duration) -> Result<()> {
+        match self.bridge.next_event(time) {
+            Some(Event::Ended) => Err(self.failure()),
+            Some(Event::Spoke) | None => Ok(()),
+        }
+    }
+
+    /// Why the board has ended.
+    fn failure(&mut self) -> Error {
+        let name = self.name;
+        let status = match self.child.wait() {
+            Ok(status) => status,
+            Err(error) => return anyhow!("{name} has ended: {error}"),
+        };
+        let mut complaint = String::new();
+        let read = self.complaint.seek(SeekFrom::Start(0));
+        let read = read.and_then(|_| self.complaint.read_to_string(&mut complaint));
+        match (read, complaint.trim_end()) {
+            (Ok(_), complaint @ "") | (Err(_), complaint) => {
+                anyhow!("{name} has ended with {status}{complaint}")
+            }
+            (Ok(_), complaint) => anyhow!("{name} has ended with {status}: {complaint}"),
+        }
+    }
+}
+
+impl Drop for LiveBoard {
+    fn drop(&mut self) {
+        end(&mut self.child);
+    }
+}
+
+/// Ends a process, and waits until it has.
+fn end(child: &mut Child) {
+    // Both fail for one that has ended already, which is what is wanted.
+    let _ = child.kill();
+    let _ = child.wait();
+}

@@ -1,0 +1,389 @@
+//! Emulated boards that serve the link over their serial ports, each with one run: what they send is what
+//! the host computes, they do what the host asks, hosts come and go, and damage is counted and passes.
+//!
+//! A board is tested if its compiler and emulator are installed (`cargo firmware setup`); otherwise its
+//! test is listed as ignored.
+
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::time::{Duration, Instant};
+
+use image::imageops::flip_vertical;
+use libtest_mimic::{Arguments, Failed, Trial};
+use vgstereo_boards::board::Board;
+use vgstereo_boards::bridge::Damage;
+use vgstereo_boards::build::build;
+use vgstereo_boards::host::{self, Frames};
+use vgstereo_boards::live::{Link, LiveBoard};
+use vgstereo_boards::pair::Pair;
+use vgstereo_boards::toolchain;
+use vgstereo_core::Preset;
+use vgstereo_link::board::Outcome;
+use vgstereo_link::{
+    BoardMessage, Counters, Decoder, Encoder, HostMessage, PixelFormat, Region, Selection, Streams,
+};
+
+const WIDTH: usize = 64;
+const HEIGHT: usize = 40;
+
+/// Longest time that anything may take.
+const LONG: Duration = Duration::from_secs(120);
+
+/// Bytes that are left out and changed of those that are sent to hosts, amid the first frames.
+const DROPPED: u64 = 3_000;
+const FLIPPED: u64 = 9_000;
+
+const DISPARITIES: Selection = Selection {
+    streams: Streams::DISPARITIES.with(Streams::CONFIDENCES),
+    every_frames: 1,
+    region: None,
+};
+
+fn main() {
+    let mut trials = Vec::new();
+    for board in Board::emulated() {
+        let absent = toolchain::ensure_complete(&[board]).is_err();
+        let name = format!("{}::link", board.name);
+        let trial = Trial::test(name, move || serves_the_link(&board));
+        trials.push(trial.with_ignored_flag(absent));
+    }
+    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+}
+
+/// Two different frames, which the camera sends in turn, and what the host makes of each.
+struct Scene {
+    pairs: [Pair; 2],
+    expected: [Frames; 2],
+}
+
+impl Scene {
+    fn new() -> anyhow::Result<Self> {
+        let pair = Pair::rendered(WIDTH as u32, HEIGHT as u32, 16);
+        let turned = Pair {
+            left: flip_vertical(&pair.left),
+            right: flip_vertical(&pair.right),
+            ..pair.clone()
+        };
+        let pairs = [pair, turned];
+        let matched = |pair: &Pair| {
+            let (frames, _) = host::run(pair, &pair.request(Preset::Lite, 1, &[])?)?;
+            anyhow::Ok(frames)
+        };
+        let expected = [matched(&pairs[0])?, matched(&pairs[1])?];
+        assert_ne!(expected[0], expected[1]);
+        Ok(Self { pairs, expected })
+    }
+
+    /// Asserts that the lines that came are the host's, and returns how many there are of each stream.
+    fn check(&self, frame: &Frame) -> [usize; 3] {
+        let parity = frame.number as usize % 2;
+        let expected = &self.expected[parity];
+        let raw = self.pairs[parity].lines().unwrap();
+        for (line, values_q4) in &frame.disparities_q4 {
+            let expected_q4 = &expected.disparities_q4()[line * WIDTH..][..WIDTH];
+            assert_eq!(values_q4, expected_q4, "{} {line}", frame.number);
+        }
+        for (line, values) in &frame.confidences {
+            let expected = &expected.confidences[line * WIDTH..][..WIDTH];
+            assert_eq!(values, expected, "{} {line}", frame.number);
+        }
+        for (line, bytes) in &frame.raw {
+            let expected = &raw[line * 2 * WIDTH..][..2 * WIDTH];
+            assert_eq!(bytes, expected, "{} {line}", frame.number);
+        }
+        [
+            frame.disparities_q4.len(),
+            frame.confidences.len(),
+            frame.raw.len(),
+        ]
+    }
+}
+
+/// What came of a frame: numbers of lines, and their values.
+#[derive(Debug, Default)]
+struct Frame {
+    number: u32,
+    timestamp_us: u64,
+    disparities_q4: Vec<(usize, Vec<i16>)>,
+    confidences: Vec<(usize, Vec<u8>)>,
+    raw: Vec<(usize, Vec<u8>)>,
+    is_done: bool,
+}
+
+impl Frame {
+    fn push(&mut self, message: &BoardMessage<'_>) {
+        match message {
+            BoardMessage::Disparities(line) if line.frame == self.number => {
+                let mut values = vec![0; line.values.count()];
+                line.values.unpack(&mut values).unwrap();
+                self.disparities_q4.push((line.line as usize, values));
+            }
+            BoardMessage::Confidences(line) if line.frame == self.number => {
+                let mut values = vec![0; line.values.count()];
+                line.values.unpack(&mut values).unwrap();
+                self.confidences.push((line.line as usize, values));
+            }
+            BoardMessage::RawPair(pair) if pair.frame == self.number => {
+                let bytes = [pair.left, pair.right].concat();
+                self.raw.push((pair.line as usize, bytes));
+            }
+            BoardMessage::FrameDone { frame } => self.is_done |= *frame == self.number,
+            _ => {}
+        }
+    }
+}
+
+/// A host.
+struct Client {
+    stream: TcpStream,
+    decoder: Decoder<'static>,
+    encoder: Encoder<'static>,
+    received: Vec<u8>,
+    /// Number of bytes that have come.
+    count: u64,
+}
+
+impl Client {
+    fn connect(address: SocketAddr) -> std::io::Result<Self> {
+        let mut stream = TcpStream::connect(address)?;
+        stream.set_read_timeout(Some(LONG))?;
+        // Ends what a host before may have begun.
+        stream.write_all(&[vgstereo_link::DELIMITER])?;
+        Ok(Self {
+            stream,
+            decoder: Decoder::new(Vec::leak(vec![0; 4096])),
+            encoder: Encoder::new(Vec::leak(vec![0; 1024])),
+            received: vec![],
+            count: 0,
+        })
+    }
+
+    /// Reads messages until `wanted` has found what it looks for.
+    fn until<T>(&mut self, mut wanted: impl FnMut(&BoardMessage<'_>) -> Option<T>) -> T {
+        let begun = Instant::now();
+        loop {
+            let mut input = &self.received[..];
+            let packet = self.decoder.next::<BoardMessage<'_>>(&mut input);
+            let found = packet.map(|packet| packet.ok().and_then(|got| wanted(&got.message)));
+            self.received = input.to_vec();
+            match found {
+                Some(Some(found)) => return found,
+                Some(None) => continue,
+                None => {}
+            }
+            assert!(begun.elapsed() < LONG, "what is waited for does not come");
+            let mut bytes = [0; 4096];
+            let length = self.stream.read(&mut bytes).unwrap();
+            assert!(length > 0, "the board has hung up");
+            self.received.extend_from_slice(&bytes[..length]);
+            self.count += length as u64;
+        }
+    }
+
+    /// Sends a command and returns its sequence number.
+    fn send(&mut self, command: &HostMessage<'_>) -> u32 {
+        let sequence = self.encoder.sequence();
+        let bytes = self.encoder.encode(0, command).unwrap();
+        self.stream.write_all(bytes).unwrap();
+        sequence
+    }
+
+    /// Sends a command, and gives what comes before its answer to `seen`.
+    fn command_seeing(
+        &mut self,
+        command: &HostMessage<'_>,
+        mut seen: impl FnMut(&BoardMessage<'_>),
+    ) -> Outcome {
+        let sent = self.send(command);
+        self.until(|message| match message {
+            BoardMessage::Answer { sequence, outcome } if *sequence == sent => Some(*outcome),
+            message => {
+                seen(message);
+                None
+            }
+        })
+    }
+
+    fn command(&mut self, command: &HostMessage<'_>) {
+        let outcome = self.command_seeing(command, |_| {});
+        assert_eq!(outcome, Outcome::Done, "{command:?}");
+    }
+
+    /// The next frame that begins.
+    fn frame(&mut self) -> Frame {
+        let mut frame: Option<Frame> = None;
+        self.until(|message| {
+            if let BoardMessage::FrameBegun(begun) = message {
+                let ended = frame.replace(Frame {
+                    number: begun.frame,
+                    timestamp_us: begun.timestamp_us,
+                    ..Frame::default()
+                });
+                // The end of the one before was damaged.
+                if ended.is_some() {
+                    return ended;
+                }
+            }
+            let under_way = frame.as_mut()?;
+            under_way.push(message);
+            if under_way.is_done {
+                frame.take()
+            } else {
+                None
+            }
+        })
+    }
+
+    fn counters(&self) -> Counters {
+        self.decoder.counters()
+    }
+
+    /// The shortest time of three from the beginning of a frame to that of the next, µs.
+    fn period_us(&mut self) -> u64 {
+        let begun_us: Vec<u64> = (0..4).map(|_| self.frame().timestamp_us).collect();
+        let periods = begun_us.windows(2).map(|pair| pair[1] - pair[0]);
+        periods.min().unwrap()
+    }
+}
+
+fn serves_the_link(board: &Board) -> Result<(), Failed> {
+    let firmware = build(board).map_err(text)?;
+    let scene = Scene::new().map_err(text)?;
+    let request = scene.pairs[0].live_request(Preset::Lite, &[]);
+    let link = Link {
+        address: "127.0.0.1:0".parse()?,
+        damage: Damage {
+            dropped: vec![DROPPED],
+            flipped: vec![FLIPPED],
+        },
+    };
+    let request = request.map_err(text)?;
+    let live = LiveBoard::emulated(board, &firmware, &scene.pairs, &request, link);
+    let live = live.map_err(text)?;
+
+    let mut first = Client::connect(live.address())?;
+    damage_is_counted_and_passes(&mut first, &scene);
+    introduces_itself(&mut first, board);
+    // Frames of both kinds come whole, in turn, each later than the one before.
+    let [one, two] = [first.frame(), first.frame()];
+    assert_eq!(two.number, one.number + 1);
+    assert!(two.timestamp_us > one.timestamp_us);
+    for frame in [one, two] {
+        assert_eq!(scene.check(&frame), [HEIGHT, HEIGHT, 0]);
+    }
+    sends_raw_lines_without_matching(&mut first, &scene);
+    stops_and_starts(&mut first);
+    first.command(&HostMessage::Select(DISPARITIES));
+    // A hello; raw lines, and a pixel of each kind; stop, 3 hellos, start; and the one above.
+    let undamaged = first.counters();
+    let statistics = first.until(|message| match message {
+        BoardMessage::Statistics(statistics) if statistics.link.commands >= 10 => Some(*statistics),
+        _ => None,
+    });
+    assert_eq!(statistics.link.commands, 10);
+    assert_eq!(statistics.link.commands_refused, 0);
+    assert_eq!(statistics.link.dropped, 0, "the port has room");
+    assert!(statistics.session.frames > 8);
+    assert_eq!(statistics.session.frames_dropped, 0);
+    drop(first);
+
+    // Another host comes, which knows nothing of the first.
+    let mut second = Client::connect(live.address())?;
+    introduces_itself(&mut second, board);
+    assert_eq!(scene.check(&second.frame()), [HEIGHT, HEIGHT, 0]);
+    assert_eq!(undamaged.restarts, 0);
+    Ok(())
+}
+
+/// Both damaged places are noticed, no line is wrong, and the frames after them are whole.
+fn damage_is_counted_and_passes(client: &mut Client, scene: &Scene) {
+    let mut missing = 0;
+    while client.count <= FLIPPED + 4096 {
+        let lines = scene.check(&client.frame());
+        missing += 2 * HEIGHT - lines[0] - lines[1];
+    }
+    let damaged = client.counters();
+    // A byte that ends a packet takes the next one with it, and one that becomes such an end makes two
+    // of one.
+    assert!((2..=3).contains(&damaged.broken), "{damaged:?}");
+    assert!((2..=4).contains(&damaged.lost), "{damaged:?}");
+    assert!(missing <= 4, "{missing}");
+    assert_eq!(scene.check(&client.frame()), [HEIGHT, HEIGHT, 0]);
+    let after = client.counters();
+    assert_eq!(
+        (after.broken, after.lost),
+        (damaged.broken, damaged.lost),
+        "no more than that"
+    );
+}
+
+fn introduces_itself(client: &mut Client, board: &Board) {
+    let (mut has_come, mut has_camera) = (false, false);
+    let outcome = client.command_seeing(&HostMessage::SendHello, |message| match message {
+        BoardMessage::Hello(hello) => {
+            has_come = true;
+            assert_eq!(hello.device, board.folder);
+            assert_eq!(hello.preset, "lite");
+            let size = (hello.raw.width_px, hello.raw.height_lines);
+            assert_eq!(size, (WIDTH as u16, HEIGHT as u32));
+            assert_eq!(hello.raw.format, PixelFormat::Grey8);
+            assert_eq!((hello.disparity_min_px, hello.disparity_count), (0, 16));
+            assert!(
+                hello
+                    .streams
+                    .contains(DISPARITIES.streams.with(Streams::DEPTHS))
+            );
+            assert!(!hello.rectifies);
+        }
+        BoardMessage::Camera(camera) => has_camera = camera.focal_q8 > 0 && camera.depth_q8 > 0,
+        _ => {}
+    });
+    assert_eq!(outcome, Outcome::Done);
+    assert!(has_come && has_camera);
+}
+
+fn sends_raw_lines_without_matching(client: &mut Client, scene: &Scene) {
+    let raw = Selection {
+        streams: Streams::RAW,
+        ..DISPARITIES
+    };
+    client.command(&HostMessage::Select(raw));
+    assert_eq!(scene.check(&client.frame()), [0, 0, HEIGHT]);
+    // With one pixel to send, what takes time is the rest.
+    let pixel = Some(Region {
+        x_px: 0,
+        y_lines: 0,
+        width_px: 1,
+        height_lines: 1,
+    });
+    let one = |selection: Selection| Selection {
+        region: pixel,
+        ..selection
+    };
+    client.command(&HostMessage::Select(one(DISPARITIES)));
+    let matched_us = client.period_us();
+    client.command(&HostMessage::Select(one(raw)));
+    let raw_us = client.period_us();
+    println!("a frame takes {matched_us} us, without matching {raw_us} us");
+    assert!(raw_us < matched_us / 2, "{raw_us} us, {matched_us} us");
+}
+
+fn stops_and_starts(client: &mut Client) {
+    client.command(&HostMessage::Stop);
+    for _ in 0..3 {
+        let outcome = client.command_seeing(&HostMessage::SendHello, |message| {
+            let is_of_frame = matches!(
+                message,
+                BoardMessage::FrameBegun(_) | BoardMessage::RawPair(_)
+            );
+            assert!(!is_of_frame, "{message:?}");
+        });
+        assert_eq!(outcome, Outcome::Done);
+    }
+    client.command(&HostMessage::Start);
+    assert!(client.frame().is_done);
+}
+
+fn text(error: anyhow::Error) -> Failed {
+    format!("{error:#}").into()
+}
