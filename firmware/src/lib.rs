@@ -9,8 +9,8 @@
 //! For tests, [`scripted`] has a camera that fails as a script says. Drivers, pins and clocks
 //! are left to the boards.
 //!
-//! Three features are off by default: `sensors` sets up image sensors, `serial` adds a sink over a
-//! serial port, and `defmt` lets faults, events and counters be logged with defmt.
+//! Three features are off by default: `sensors` sets up image sensors, `link` adds live
+//! sessions, and `defmt` lets faults, events and counters be logged with defmt.
 #![no_std]
 #![forbid(unsafe_code)]
 

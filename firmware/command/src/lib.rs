@@ -4,8 +4,8 @@
 //! From the bottom up: [`board`] describes the boards, [`toolchain`] finds the compilers and
 //! emulators for them, and [`build`] builds their firmware. [`elf`], [`panics`] and [`stack`]
 //! look into the linked files, and [`log`] decodes what a board logs. [`pair`] prepares images,
-//! [`host`] matches them here, [`emulator`] runs a board on them, and [`model`] the real one's
-//! firmware on a model of its chip. [`commands`] are the
+//! [`host`] matches them here, [`emulator`] runs a board on them, [`live`] one that
+//! serves the link, by way of a [`bridge`], and [`model`] the real one's firmware on a model of its chip. [`commands`] are the
 //! verbs of `cargo firmware`.
 
 pub mod board;

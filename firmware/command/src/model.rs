@@ -15,7 +15,7 @@ use serde::Deserialize;
 use vgstereo_core::DisparityRange;
 use vgstereo_firmware::camera::{ErrorKind, PixelFormat};
 use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
-use vgstereo_firmware::sink::serial::Packet;
+use vgstereo_link::{BoardMessage, Decoder, Region};
 use wait_timeout::ChildExt;
 
 use crate::board::{Board, Model};
@@ -28,6 +28,8 @@ use crate::toolchain::ModelCompiler;
 /// longer is considered hung.
 const LONGEST_START: Duration = Duration::from_secs(300);
 const LONGEST_FRAME: Duration = Duration::from_secs(120);
+/// Bytes of the largest packet that a board sends.
+const PACKET_BYTES_MAX: usize = 4096;
 /// The faults that the wires of the camera can have.
 const WIRE_FAULTS: [ErrorKind; 4] = [
     ErrorKind::Overrun,
@@ -59,7 +61,9 @@ pub struct SentFrame {
     pub number: u32,
     /// The disparities that came, 1/16 px, little-endian.
     pub disparities: Vec<u8>,
-    /// Whether the board said that the frame is done.
+    /// Number of its pixels that have disparities.
+    pub pixels: usize,
+    /// Whether the board said that the frame is done, and all lines of it have come.
     pub is_whole: bool,
 }
 
@@ -282,29 +286,38 @@ pub fn run(program: &Path, firmware: &Path, pair: &Pair, scenario: &Scenario) ->
 /// Takes what came over the serial port apart.
 fn sent_frames(bytes: &[u8]) -> Result<Vec<SentFrame>> {
     let mut frames: Vec<SentFrame> = vec![];
-    let mut parts = bytes.split_inclusive(|byte| *byte == 0);
-    for part in parts.by_ref().filter(|part| part.len() > 1) {
-        if part.last() != Some(&0) {
-            // Cut off by the end of the run.
-            break;
-        }
-        let mut part = part.to_vec();
-        let packet = postcard::from_bytes_cobs(&mut part);
-        let packet = packet.context("the board sent what is no packet")?;
-        match (packet, frames.last_mut()) {
-            (Packet::FrameBegun { frame: number, .. }, _) => frames.push(SentFrame {
-                number,
-                ..SentFrame::default()
-            }),
-            (Packet::Line { disparities, .. }, Some(frame)) => {
-                frame.disparities.extend_from_slice(disparities);
+    let mut memory = vec![0; PACKET_BYTES_MAX];
+    let mut decoder = Decoder::new(&mut memory);
+    let mut rest = bytes;
+    // A packet that the end of the run has cut off does not end.
+    while let Some(received) = decoder.next::<BoardMessage<'_>>(&mut rest) {
+        let packet = received.context("the board sent what is no packet")?;
+        match (packet.message, frames.last_mut()) {
+            (BoardMessage::FrameBegun(begun), _) => {
+                let Region {
+                    width_px,
+                    height_lines,
+                    ..
+                } = begun.region;
+                frames.push(SentFrame {
+                    number: begun.frame,
+                    pixels: usize::from(width_px) * height_lines as usize,
+                    ..SentFrame::default()
+                });
             }
-            (Packet::FrameDone { .. }, Some(frame)) => frame.is_whole = true,
-            (Packet::FrameAborted { .. }, Some(_)) => {}
-            (Packet::Depths { .. } | Packet::Points { .. } | Packet::Scan { .. }, _) => {
-                bail!("the board sent something else than disparities")
+            (BoardMessage::Disparities(line), Some(frame)) => {
+                let mut values_q4 = vec![0; line.values.count()];
+                line.values.unpack(&mut values_q4)?;
+                let bytes = values_q4.iter().flat_map(|q4| q4.to_le_bytes());
+                frame.disparities.extend(bytes);
             }
-            (_, None) => bail!("the board sent a line before a frame"),
+            (BoardMessage::FrameDone { .. }, Some(frame)) => {
+                frame.is_whole = frame.disparities.len() == 2 * frame.pixels;
+            }
+            (BoardMessage::Disparities(_) | BoardMessage::FrameDone { .. }, None) => {
+                bail!("the board sent a line before a frame")
+            }
+            _ => {}
         }
     }
     Ok(frames)
@@ -313,47 +326,49 @@ fn sent_frames(bytes: &[u8]) -> Result<Vec<SentFrame>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use vgstereo_link::board::FrameBegun;
+    use vgstereo_link::{Encoder, Line, Reason, Values};
 
     #[test]
     fn frames_are_taken_apart() {
-        let packets = [
-            Packet::FrameBegun {
-                frame: 3,
+        let begun = |frame| {
+            BoardMessage::FrameBegun(FrameBegun {
+                frame,
                 timestamp_us: 5,
-                x: 0,
-                y: 0,
-                width: 2,
-                height: 1,
-            },
-            Packet::FrameAborted { frame: 3 },
-            Packet::FrameBegun {
-                frame: 4,
-                timestamp_us: 9,
-                x: 0,
-                y: 0,
-                width: 2,
-                height: 1,
-            },
-            Packet::Line {
-                frame: 4,
-                line: 0,
-                disparities: &[1, 0, 0, 2],
-            },
-            Packet::FrameDone { frame: 4 },
-        ];
-        let mut bytes = vec![];
-        for packet in packets {
-            let mut buffer = [0; 64];
-            bytes.push(0);
-            bytes.extend_from_slice(postcard::to_slice_cobs(&packet, &mut buffer).unwrap());
+                region: Region {
+                    x_px: 0,
+                    y_lines: 0,
+                    width_px: 2,
+                    height_lines: 1,
+                },
+            })
+        };
+        let aborted = BoardMessage::FrameAborted {
+            frame: 3,
+            reason: Reason::Other,
+        };
+        let line = BoardMessage::Disparities(Line {
+            frame: 4,
+            line: 0,
+            column: 0,
+            values: Values::Plain(&[1, 0x200]),
+        });
+        let done = BoardMessage::FrameDone { frame: 4 };
+        let mut memory = [0; 512];
+        let mut encoder = Encoder::new(&mut memory);
+        let mut bytes = vec![0];
+        for message in [begun(3), aborted, begun(4), line, done] {
+            bytes.extend_from_slice(encoder.encode(0, &message).unwrap());
         }
         let mut expected = vec![
             SentFrame {
                 number: 3,
+                pixels: 2,
                 ..SentFrame::default()
             },
             SentFrame {
                 number: 4,
+                pixels: 2,
                 disparities: vec![1, 0, 0, 2],
                 is_whole: true,
             },

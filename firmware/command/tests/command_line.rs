@@ -28,7 +28,9 @@ fn help_names_every_verb_and_option() {
         .get_output()
         .clone();
     let help = String::from_utf8(output.stdout).unwrap();
-    for verb in ["setup", "build", "lint", "run", "verify", "bench", "size"] {
+    for verb in [
+        "setup", "build", "lint", "run", "live", "verify", "bench", "size",
+    ] {
         assert!(help.contains(&format!("  {verb}  ")), "{verb}: {help}");
     }
     let output = firmware(&["run", "--help"])
@@ -120,6 +122,15 @@ fn what_is_wrong_is_said_on_one_line() {
             ".png",
         ),
         (refusal(&["verify", "--lines", "0"]), "--lines"),
+        (refusal(&["live"]), "--board"),
+        (
+            refusal(&["live", "--board", "stm32h743"]),
+            "stm32h743 is a real board and not emulated",
+        ),
+        (
+            refusal(&["live", "--board", "stm32f405", "--listen", "here"]),
+            "--listen",
+        ),
     ] {
         assert!(
             error.starts_with("error: ") && error.contains(words),

@@ -5,12 +5,8 @@
 //! joins two.
 
 mod both;
-#[cfg(feature = "serial")]
-mod cobs;
 mod convert;
 mod scan;
-#[cfg(feature = "serial")]
-pub mod serial;
 
 pub use both::BothSinks;
 pub use convert::{Conversion, ConversionError, ConvertedLine, ConvertedSink, ConvertingSink};

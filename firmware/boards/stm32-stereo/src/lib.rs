@@ -10,4 +10,5 @@ pub mod clock;
 pub mod rig;
 pub mod run;
 pub mod sensors;
+pub mod serial;
 pub mod watchdog;

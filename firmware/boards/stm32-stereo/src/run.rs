@@ -1,44 +1,88 @@
-//! The loop of a board's session, with its log.
+//! The loop of a board's live session, with its log.
 
-use embassy_stm32::usart::BufferedUart;
 use vgstereo_core::geometry::Rectifier;
 use vgstereo_core::{Kernels, Matcher};
+use vgstereo_firmware::Event;
 use vgstereo_firmware::camera::LinePairSource;
-use vgstereo_firmware::sink::serial::SerialSink;
-use vgstereo_firmware::{Event, Session};
+use vgstereo_firmware::live::{Live, Next, NoStore, Setup};
+use vgstereo_link::{Selection, Streams};
 
 use crate::clock;
+use crate::rig::Rig;
+use crate::serial::SerialPort;
 use crate::watchdog::Iwdg;
 
-/// Matches what the camera sends, for ever, rectified first if there is a rectifier, and sends the
-/// disparities over the serial port. Logs each frame with its time and all counters, and each fault.
-/// `packet` holds a packet of a line and `lines` a line of each view.
+/// What is sent until the host asks for something else.
+const SELECTION: Selection = Selection {
+    streams: Streams::DISPARITIES,
+    every_frames: 1,
+    region: None,
+};
+
+/// A board's link to the host.
+pub struct Link {
+    /// The port.
+    pub port: SerialPort,
+    /// The board's name.
+    pub device: &'static str,
+    /// Version of its firmware.
+    pub firmware: &'static str,
+    /// Name of its preset.
+    pub preset: &'static str,
+    /// Memory of [`live::memory_words`](vgstereo_firmware::live::memory_words).
+    pub memory: &'static mut [u32],
+}
+
+/// Matches what the camera sends, for ever, rectified first if there is a rectifier, and serves the
+/// link. Logs each frame with its time and all counters, and each fault. `lines` holds a line of each
+/// view.
 ///
 /// # Panics
-/// If camera, rectifier, matcher and lines do not suit each other.
+/// If camera, rectifier, matcher and memories do not suit each other.
 pub fn run<C: LinePairSource, K: Kernels>(
+    rig: &Rig,
     camera: C,
     rectifier: Option<&'static mut Rectifier<'static, 'static, K>>,
     matcher: Matcher<'static, K>,
-    serial: BufferedUart<'static>,
-    packet: &'static mut [u8],
     lines: &'static mut [u32],
+    link: Link,
     watchdog: Iwdg,
 ) -> ! {
-    let sink = SerialSink::new(serial, packet);
-    let session = Session::rectifying(camera, rectifier, matcher, sink, lines, watchdog);
-    let mut session = defmt::unwrap!(session);
+    let setup = Setup {
+        port: link.port,
+        device: link.device,
+        firmware: link.firmware,
+        preset: link.preset,
+        camera: None,
+        calibration: rectifier
+            .as_ref()
+            .map(|rectifier| rectifier.rectification().bytes()),
+        selection: SELECTION,
+        is_started: true,
+        clock: now_us,
+        // A frame begins when it is asked for.
+        gap_us: rig.frame_us().into(),
+        store: NoStore,
+        memory: link.memory,
+    };
+    let live = Live::new(camera, rectifier, matcher, lines, watchdog, setup);
+    let mut live = defmt::unwrap!(live);
     let mut begun = clock::now();
     loop {
-        match session.step() {
-            Ok(Event::FrameDone { frame }) => {
+        match live.step() {
+            Next::Event(Event::FrameDone { frame }) => {
                 let took = clock::since(core::mem::replace(&mut begun, clock::now()));
-                let statistics = session.statistics();
+                let statistics = live.statistics();
                 defmt::info!("frame {} in {}: {}", frame, took, statistics);
             }
-            Ok(Event::Fault(fault)) => defmt::warn!("{}", fault),
-            Ok(_) => {}
-            Err(error) => defmt::warn!("{}", error),
+            Next::Event(Event::Fault(fault)) => defmt::warn!("{}", fault),
+            // No calibration can be stored from the host.
+            Next::Event(_) | Next::Calibrated => {}
         }
     }
+}
+
+/// Time since start, µs.
+fn now_us() -> u64 {
+    clock::now().as_micros()
 }

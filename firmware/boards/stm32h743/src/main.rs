@@ -18,14 +18,14 @@ use stm32_stereo::calibration;
 use stm32_stereo::camera::StereoCamera;
 use stm32_stereo::capture::{self, Capture, port_config};
 use stm32_stereo::rig::Rig;
-use stm32_stereo::run::run;
+use stm32_stereo::run::{Link, run};
 use stm32_stereo::sensors::{Sensors, bus_config};
+use stm32_stereo::serial::SerialPort;
 use stm32_stereo::watchdog::Iwdg;
 use vgstereo_core::geometry::Rectifier;
 use vgstereo_core::{Config, DisparityRange, Matcher, Preset};
 use vgstereo_firmware::camera::{Geometry, Layout, PixelFormat};
-use vgstereo_firmware::session;
-use vgstereo_firmware::sink::serial::packet_bytes;
+use vgstereo_firmware::{live, session};
 use vgstereo_kernels::Armv7em;
 
 /// Geometry of the camera's lines: the middle of the sensors' 324x244 px.
@@ -45,9 +45,10 @@ const RIG: Rig = Rig {
         3_750
     },
 };
-/// Configuration of the matcher.
+/// Preset of the matcher, and its configuration.
+const PRESET: Preset = Preset::Lite;
 const CONFIG: Config = Config::new(
-    Preset::Lite.parameters(),
+    PRESET.parameters(),
     GEOMETRY.width,
     DisparityRange::up_to(47),
 );
@@ -68,17 +69,18 @@ static LINES: ConstStaticCell<[u32; session::memory_words(&GEOMETRY)]> =
     ConstStaticCell::new([0; session::memory_words(&GEOMETRY)]);
 /// The rectifier, if there is a calibration.
 static RECTIFIER: StaticCell<Rectifier<'static, 'static, Armv7em>> = StaticCell::new();
-/// Memory of the sink: one packet.
-static PACKET: ConstStaticCell<[u8; packet_bytes(GEOMETRY.width, size_of::<i16>())]> =
-    ConstStaticCell::new([0; packet_bytes(GEOMETRY.width, size_of::<i16>())]);
+/// Memory of the link.
+static LINK: ConstStaticCell<[u32; live::memory_words(&GEOMETRY, &CONFIG)]> =
+    ConstStaticCell::new([0; live::memory_words(&GEOMETRY, &CONFIG)]);
 /// Memory of the camera: one raw line.
 static RAW_LINE: ConstStaticCell<[u32; RIG.raw_words()]> =
     ConstStaticCell::new([0; RIG.raw_words()]);
 /// Send buffer of the serial port: two packets, so that sending and matching overlap.
-static OUTGOING: ConstStaticCell<[u8; 2 * packet_bytes(GEOMETRY.width, size_of::<i16>())]> =
-    ConstStaticCell::new([0; 2 * packet_bytes(GEOMETRY.width, size_of::<i16>())]);
-/// Receive buffer of the serial port; received bytes are not used.
-static INCOMING: ConstStaticCell<[u8; 4]> = ConstStaticCell::new([0; 4]);
+static OUTGOING: ConstStaticCell<[u8; 2 * live::sent_bytes(&GEOMETRY, &CONFIG)]> =
+    ConstStaticCell::new([0; 2 * live::sent_bytes(&GEOMETRY, &CONFIG)]);
+/// Receive buffer of the serial port: two commands, which wait for the end of a frame.
+static INCOMING: ConstStaticCell<[u8; 2 * live::received_bytes()]> =
+    ConstStaticCell::new([0; 2 * live::received_bytes()]);
 
 #[entry]
 fn main() -> ! {
@@ -137,15 +139,15 @@ fn main() -> ! {
     let rectifier = calibration::rectifier(slot, &RIG, CONFIG.width, Armv7em, memory);
     let rectifier = rectifier.map(|rectifier| &mut *RECTIFIER.init(rectifier));
     let matcher = defmt::unwrap!(Matcher::new(&CONFIG, Armv7em, memories.matcher));
-    run(
-        camera,
-        rectifier,
-        matcher,
-        serial,
-        PACKET.take(),
-        LINES.take(),
-        watchdog,
-    )
+    let link = Link {
+        port: SerialPort::new(serial),
+        device: env!("CARGO_PKG_NAME"),
+        firmware: env!("CARGO_PKG_VERSION"),
+        preset: PRESET.name(),
+        memory: LINK.take(),
+    };
+    let lines = LINES.take();
+    run(&RIG, camera, rectifier, matcher, lines, link, watchdog)
 }
 
 /// Clock tree: 400 MHz from the 8 MHz that the board's debug probe supplies.
