@@ -14,10 +14,12 @@ use vgstereo_boards::toolchain;
 /// Long enough for what is to happen.
 const LONG: Duration = Duration::from_secs(60);
 
+type Test = fn() -> Result<(), Failed>;
+
 fn main() {
     let absent = toolchain::ensure_complete(&[STM32F405]).is_err();
     let is_blind = fs::read_to_string("/proc/thread-self/children").is_err();
-    let tests: [(&str, fn() -> Result<(), Failed>); 3] = [
+    let tests: [(&str, Test); 3] = [
         (
             "ends_when_its_input_is_closed",
             ends_when_its_input_is_closed,
