@@ -15,7 +15,14 @@ use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use libtest_mimic::{Arguments, Failed, Trial};
 use serde_json::{Value, json};
-use vgstereo_core::DisparityRange;
+use vgstereo_boards::board::{Board, STM32F405};
+use vgstereo_boards::bridge::Damage;
+use vgstereo_boards::build::build;
+use vgstereo_boards::host;
+use vgstereo_boards::live::{Link, LiveBoard};
+use vgstereo_boards::pair::Pair;
+use vgstereo_boards::toolchain::ensure_complete;
+use vgstereo_core::{DisparityRange, Preset};
 use vgstereo_link::board::{Camera, FrameBegun, Hello, LinePair, View};
 use vgstereo_link::{
     BoardMessage, Decoder, Encoder, HostMessage, Line, PixelFormat, Reason, Region, Selection,
@@ -66,7 +73,24 @@ fn main() {
         let trial = move || run(&browser, command.as_ref(), case);
         Trial::test(name, trial).with_ignored_flag(is_missing)
     });
-    let outcome = libtest_mimic::run(&Arguments::from_args(), trials.into());
+    let mut trials = Vec::from(trials);
+    for board in Board::emulated() {
+        let (browser, command) = (Arc::clone(&browser), command.clone());
+        let trial = move || {
+            run(&browser, command.as_ref(), |browser| {
+                shows_a_damaged_link(&board, browser)
+            })
+        };
+        let is_missing = is_missing || ensure_complete(&[board]).is_err();
+        let trial = Trial::test(format!("{}::shows_a_damaged_link", board.name), trial);
+        trials.push(trial.with_ignored_flag(is_missing));
+    }
+    let is_missing = is_missing || ensure_complete(&[STM32F405]).is_err();
+    let (shared, named) = (Arc::clone(&browser), command.clone());
+    let trial = move || run(&shared, named.as_ref(), starts_a_board_by_its_name);
+    let trial = Trial::test("starts_a_board_by_its_name", trial);
+    trials.push(trial.with_ignored_flag(is_missing));
+    let outcome = libtest_mimic::run(&Arguments::from_args(), trials);
     drop(
         browser
             .lock()
@@ -76,7 +100,11 @@ fn main() {
     outcome.exit();
 }
 
-fn run(browser: &Shared, command: Option<&OsString>, case: Case) -> Result<(), Failed> {
+fn run(
+    browser: &Shared,
+    command: Option<&OsString>,
+    case: impl FnOnce(&mut Browser) -> Result<()>,
+) -> Result<(), Failed> {
     let mut browser = browser.lock().unwrap_or_else(PoisonError::into_inner);
     if browser.is_none() {
         let command = command.ok_or("there is no Chromium")?;
@@ -327,14 +355,72 @@ fn counts_damage_and_goes_on(browser: &mut Browser) -> Result<()> {
     page.wait_until("document.getElementById('faults').textContent === '5'")
 }
 
+/// The page shows values of emulated boards that equal those that the host computes, counts a byte that was
+/// dropped and one in which a bit was flipped, and shows whole frames after them.
+fn shows_a_damaged_link(board: &Board, browser: &mut Browser) -> Result<()> {
+    let (width, height) = (64, 40);
+    let pair = Pair::rendered(width, height, 16);
+    let request = pair.live_request(Preset::Lite, &[])?;
+    let (expected, _) = host::run(&pair, &pair.request(Preset::Lite, 1, &[])?)?;
+    let link = Link {
+        address: ([127, 0, 0, 1], 0).into(),
+        damage: Damage {
+            dropped: vec![3_000],
+            flipped: vec![9_000],
+        },
+    };
+    let firmware = build(board)?;
+    let live = LiveBoard::emulated(board, &firmware, &[pair], &request, link)?;
+    let address = view(&[&live.address().to_string()])?;
+    let mut page = browser.open(&format!("{address}#disparity,confidence"), SIZE)?;
+    let counter = |name: &str| {
+        format!("+document.querySelector('#counters [data-name=\"{name}\"]')?.textContent")
+    };
+    // A host that comes amid a packet has one more that is broken.
+    page.wait_until(&format!("{} >= 2", counter("packets broken")))?;
+    ensure!(page.evaluate(&format!("{} >= 2", counter("packets lost")))? == true);
+    let whole = page.evaluate(&counter("frames whole"))?;
+    page.wait_until(&format!("{} > {whole}", counter("frames whole")))?;
+    page.wait_until("vgstereo.frame.is_whole")?;
+    let expected_q4 = expected.disparities_q4();
+    for (x, y) in [(0, 0), (13, 5), (31, 20), (40, 33), (63, 39)] {
+        let shown = values_at(&mut page, "disparity", x, y)?;
+        let at = y * width as usize + x;
+        let disparity = match expected_q4[at] {
+            i16::MIN => "none".to_owned(),
+            q4 => q4.to_string(),
+        };
+        ensure!(
+            shown["disparity_q4"] == disparity
+                && shown["confidence"] == expected.confidences[at].to_string(),
+            "{x}, {y}: {shown} is not {disparity}, {}",
+            expected.confidences[at]
+        );
+    }
+    // A whole frame, value by value.
+    page.evaluate("document.querySelector('[data-key=f]').click()")?;
+    let values = page.evaluate("[...vgstereo.frame.planes.disparities.values]")?;
+    let values: Vec<i16> = serde_json::from_value(values)?;
+    ensure!(values == expected_q4, "{}: the frame differs", board.name);
+    drop(live);
+    page.wait_until("!document.getElementById('notice').hidden")
+}
+
+/// `--board` builds and starts the board.
+fn starts_a_board_by_its_name(browser: &mut Browser) -> Result<()> {
+    let address = view(&["--board", STM32F405.name])?;
+    let mut page = browser.open(&format!("{address}#raw,disparity"), SIZE)?;
+    page.wait_until("vgstereo.frame?.is_whole && 'disparities' in vgstereo.frame.planes")
+}
+
 /// The end of a board that tests play themselves.
-struct Board {
+struct Player {
     stream: TcpStream,
     encoder: Encoder<'static>,
     decoder: Decoder<'static>,
 }
 
-impl Board {
+impl Player {
     fn accept(listener: &TcpListener) -> Result<Self> {
         let (stream, _) = listener.accept()?;
         stream.set_read_timeout(Some(Duration::from_secs(20)))?;
@@ -371,7 +457,7 @@ impl Board {
 fn asks_the_board_for_what_is_shown(browser: &mut Browser) -> Result<()> {
     let listener = TcpListener::bind("127.0.0.1:0")?;
     let address = view(&[&listener.local_addr()?.to_string()])?;
-    let mut board = Board::accept(&listener)?;
+    let mut board = Player::accept(&listener)?;
     board.send(&hello())?;
     let mut page = browser.open(&format!("{address}#disparity"), SIZE)?;
     board.wait_for(Streams::DISPARITIES)?;
@@ -428,7 +514,7 @@ fn asks_the_board_for_what_is_shown(browser: &mut Browser) -> Result<()> {
     ensure!(held == 3, "{held}");
     drop(board);
     page.wait_until("!document.getElementById('notice').hidden")?;
-    let mut board = Board::accept(&listener)?;
+    let mut board = Player::accept(&listener)?;
     board.wait_for(Streams::RAW)?;
     page.wait_until("document.getElementById('notice').hidden")
 }
