@@ -397,11 +397,10 @@ fn shows_a_damaged_link(board: &Board, browser: &mut Browser) -> Result<()> {
             i16::MIN => "none".to_owned(),
             q4 => q4.to_string(),
         };
+        let confidence = expected.confidences[at].to_string();
         ensure!(
-            shown["disparity_q4"] == disparity
-                && shown["confidence"] == expected.confidences[at].to_string(),
-            "{x}, {y}: {shown} is not {disparity}, {}",
-            expected.confidences[at]
+            shown["disparity_q4"] == disparity && shown["confidence"] == confidence,
+            "{x}, {y}: {shown} is not {disparity}, {confidence}"
         );
     }
     // A whole frame, value by value.
