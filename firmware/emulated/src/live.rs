@@ -33,7 +33,9 @@ pub(crate) struct Parts<'m, U, K> {
     pub(crate) file: File,
     /// The rectifier, if lines are not rectified.
     pub(crate) rectifier: Option<&'m mut Rectifier<'m, 'm, K>>,
-    pub(crate) matcher: Matcher<'m, K>,
+    pub(crate) kernels: K,
+    /// Memory of the matcher, which is built here: a second place for one would be stack.
+    pub(crate) memory: &'m mut [u32],
     /// Memory of the session.
     pub(crate) lines: &'m mut [u32],
     /// Memory of [`Request::link_words`].
@@ -67,7 +69,9 @@ pub(crate) fn serve<U: Uart, K: Kernels>(
         store: NoStore,
         memory: board.link,
     };
-    let (rectifier, matcher, lines) = (board.rectifier, board.matcher, board.lines);
+    let matcher = Matcher::new(&request.config(), board.kernels, board.memory);
+    let matcher = matcher.map_err(|_| Refusal("the matcher refuses the configuration"))?;
+    let (rectifier, lines) = (board.rectifier, board.lines);
     let live = Live::new(camera, rectifier, matcher, lines, NoWatchdog, setup);
     let mut live = live.map_err(|_| Refusal("the session refuses the camera"))?;
     loop {

@@ -97,10 +97,9 @@ fn serve<C: Counter, U: Uart, K: Kernels>(board: Board<C, U, K>) -> Result<Repor
     // The packets of the link, whose cost is measured where they have room beside the rest.
     let matcher_words = config.memory_words();
     let (memory, packet) = memory.split_at_mut(matcher_words.min(memory.len()));
-    let matcher = Matcher::new(&config, Metered::new(kernels, &meter), memory);
-    let matcher = matcher.map_err(|_| Refusal("the matcher refuses the configuration"))?;
+    let kernels = Metered::new(kernels, &meter);
     let mut rectifier = match request.calibration {
-        Some(stated) => Some(rectifier(stated, &request, calibration, matcher.kernels())?),
+        Some(stated) => Some(rectifier(stated, &request, calibration, kernels)?),
         None => None,
     };
     let rectifier = rectifier.as_mut();
@@ -113,12 +112,15 @@ fn serve<C: Counter, U: Uart, K: Kernels>(board: Board<C, U, K>) -> Result<Repor
             uart: board.uart,
             file,
             rectifier,
-            matcher,
+            kernels,
+            memory,
             lines,
             link,
         };
         return live::serve(&request, board).map(|never| match never {});
     }
+    let matcher = Matcher::new(&config, kernels, memory);
+    let matcher = matcher.map_err(|_| Refusal("the matcher refuses the configuration"))?;
     // No file has a time in it.
     let camera = FileCamera::new(file, geometry, || 0);
     let camera = FaultyCamera::new(camera, &request.faults);

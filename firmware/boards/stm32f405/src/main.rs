@@ -14,9 +14,9 @@ use vgstereo_emulated::run::{Board, run};
 use vgstereo_emulated::stack::Stack;
 use vgstereo_kernels::Armv7em;
 
-/// Memory lent to session and matcher: 112 of 128 KB; the rest is mostly stack.
+/// Memory lent to session and matcher: 108 of 128 KB; the rest is mostly stack.
 #[unsafe(export_name = "lent_memory")]
-static MEMORY: ConstStaticCell<[u32; 112 * 1024 / 4]> = ConstStaticCell::new([0; 112 * 1024 / 4]);
+static MEMORY: ConstStaticCell<[u32; 108 * 1024 / 4]> = ConstStaticCell::new([0; 108 * 1024 / 4]);
 
 /// TIM2, which has 32 bits. The emulator takes 1 ns per instruction, and the timer ticks every
 /// nanosecond.
