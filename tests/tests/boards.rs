@@ -260,6 +260,11 @@ fn within_the_memory_promised(board: &Board) -> Result<(), Failed> {
     let firmware = build(board).map_err(text)?;
     let sizes = Sizes::read(&firmware).map_err(text)?;
     let deepest_bytes = stack::deepest_bytes(&firmware).map_err(text)?;
+    // What is lent, the statics and the deepest stack, that of the link too, are in 128 KB.
+    if let Some(deepest_bytes) = deepest_bytes.filter(|_| *board == STM32F405) {
+        let bytes = sizes.statics_bytes + sizes.lent_bytes as u64 + deepest_bytes;
+        assert!(bytes <= 128 * 1024, "{bytes} bytes");
+    }
     for (of, preset, width, disparities, kib) in RAM_KIB {
         if of != *board {
             continue;

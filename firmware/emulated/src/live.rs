@@ -2,18 +2,21 @@
 
 use core::convert::Infallible;
 
+use heapless::Vec;
 use semihosting::fs::File;
 use semihosting::sys::arm_compat::sys_elapsed;
 use vgstereo_core::geometry::Rectifier;
 use vgstereo_core::{Kernels, Matcher};
+use vgstereo_firmware::camera::OrTestPattern;
 use vgstereo_firmware::live::{Live, Next, NoStore, Setup};
-use vgstereo_firmware::scripted::FaultyCamera;
+use vgstereo_firmware::scripted::{FaultyCamera, ScriptedFault};
 use vgstereo_firmware::watchdog::NoWatchdog;
 use vgstereo_link::{Selection, Streams};
 
+use crate::LINES_FILE;
 use crate::camera::FileCamera;
-use crate::request::{CameraRequest, Request};
-use crate::run::Refusal;
+use crate::request::{CameraRequest, MAX_FAULTS, Request};
+use crate::run::{self, Memories, Refusal};
 use crate::serial::{SerialPort, Uart};
 
 /// What is sent until the host asks for something else.
@@ -23,42 +26,63 @@ const SELECTION: Selection = Selection {
     region: None,
 };
 
-/// What a live board is built of, besides a request.
-pub(crate) struct Parts<'m, U, K> {
-    /// The board's name.
-    pub(crate) name: &'static str,
-    /// The port to the host.
-    pub(crate) uart: U,
-    /// The open [`LINES_FILE`](crate::LINES_FILE).
-    pub(crate) file: File,
-    /// The rectifier, if lines are not rectified.
-    pub(crate) rectifier: Option<&'m mut Rectifier<'m, 'm, K>>,
-    pub(crate) kernels: K,
-    /// Memory of the matcher, which is built here: a second place for one would be stack.
-    pub(crate) memory: &'m mut [u32],
-    /// Memory of the session.
-    pub(crate) lines: &'m mut [u32],
-    /// Memory of [`Request::link_words`].
-    pub(crate) link: &'m mut [u32],
-}
+/// A board's live session.
+type BoardSession<'m, 'r, U, K> = Live<
+    'm,
+    OrTestPattern<FaultyCamera<FileCamera, &'r Vec<ScriptedFault, MAX_FAULTS>>>,
+    K,
+    SerialPort<U>,
+    NoWatchdog,
+>;
 
-/// Serves the request until the emulator is ended: it returns only a reason not to. Not inlined, so that
-/// other requests do not take its stack.
+/// Serves the request until the emulator is ended: it returns only a reason not to. Not inlined: neither
+/// this nor the files of other requests take the other's stack.
 #[inline(never)]
 pub(crate) fn serve<U: Uart, K: Kernels>(
     request: &Request,
-    board: Parts<'_, U, K>,
+    board: &str,
+    uart: U,
+    kernels: K,
+    memories: Memories,
 ) -> Result<Infallible, Refusal> {
-    let camera = FileCamera::new(board.file, request.geometry, now_us);
+    let matcher = run::matcher(request, kernels, memories.matcher)?;
+    let mut rectifier = run::rectifier(request, memories.calibration, kernels)?;
+    let parts = (matcher, rectifier.as_mut());
+    let link = (SerialPort::new(uart), memories.link);
+    let mut built = session(request, board, parts, memories.lines, link);
+    // By reference: a session is large, and each place that it is moved to takes stack.
+    let live = match &mut built {
+        Ok(live) => live,
+        Err(refusal) => return Err(*refusal),
+    };
+    loop {
+        match live.step() {
+            // What becomes of each pair is told over the link.
+            Next::Event(_) => {}
+            Next::Calibrated => return Err(Refusal("no calibration can be stored")),
+        }
+    }
+}
+
+/// Builds the session. Not inlined, so that its stack is free again while frames are matched.
+#[inline(never)]
+fn session<'m, 'r, U: Uart, K: Kernels>(
+    request: &'r Request,
+    board: &'m str,
+    (matcher, rectifier): (Matcher<'m, K>, Option<&'m mut Rectifier<'m, 'm, K>>),
+    lines: &'m mut [u32],
+    (port, memory): (SerialPort<U>, &'m mut [u32]),
+) -> Result<BoardSession<'m, 'r, U, K>, Refusal> {
+    let file = File::open(LINES_FILE).map_err(|_| Refusal("a file cannot be opened"))?;
+    let camera = FileCamera::new(file, request.geometry, now_us);
     let camera = FaultyCamera::new(camera, &request.faults);
     let setup = Setup {
-        port: SerialPort::new(board.uart),
-        device: board.name,
+        port,
+        device: board,
         firmware: env!("CARGO_PKG_VERSION"),
         preset: request.preset.name(),
         camera: request.camera.as_ref().and_then(CameraRequest::camera),
-        calibration: board
-            .rectifier
+        calibration: rectifier
             .as_ref()
             .map(|rectifier| rectifier.rectification().bytes()),
         selection: SELECTION,
@@ -67,20 +91,10 @@ pub(crate) fn serve<U: Uart, K: Kernels>(
         // The port has its own patience.
         gap_us: 0,
         store: NoStore,
-        memory: board.link,
+        memory,
     };
-    let matcher = Matcher::new(&request.config(), board.kernels, board.memory);
-    let matcher = matcher.map_err(|_| Refusal("the matcher refuses the configuration"))?;
-    let (rectifier, lines) = (board.rectifier, board.lines);
     let live = Live::new(camera, rectifier, matcher, lines, NoWatchdog, setup);
-    let mut live = live.map_err(|_| Refusal("the session refuses the camera"))?;
-    loop {
-        match live.step() {
-            // What becomes of each pair is told over the link.
-            Next::Event(_) => {}
-            Next::Calibrated => return Err(Refusal("no calibration can be stored")),
-        }
-    }
+    live.map_err(|_| Refusal("the session refuses the camera"))
 }
 
 /// Time since the emulator has started, µs.

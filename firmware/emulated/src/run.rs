@@ -17,10 +17,10 @@ use vgstereo_firmware::watchdog::NoWatchdog;
 use vgstereo_firmware::{Event, Session, Statistics};
 
 use crate::camera::{self, FileCamera};
-use crate::live::{self, Parts};
+use crate::live;
 use crate::meter::{Counter, Meter, Metered, Stage};
 use crate::report::Report;
-use crate::request::{Calibration, Request};
+use crate::request::Request;
 use crate::serial::Uart;
 use crate::sink::{self, FileSink, PacketSink, ScanFile};
 use crate::stack::Stack;
@@ -71,73 +71,106 @@ pub fn run<C: Counter, U: Uart, K: Kernels>(board: Board<C, U, K>) -> ! {
 }
 
 /// Reason for which a request is not served.
+#[derive(Debug, Clone, Copy)]
 pub(crate) struct Refusal(pub(crate) &'static str);
 
-fn serve<C: Counter, U: Uart, K: Kernels>(board: Board<C, U, K>) -> Result<Report, Refusal> {
-    let (kernels, memory) = (board.kernels, board.memory);
-    let request = read_request().ok_or(Refusal("the command line is not a request"))?;
-    let geometry = request.geometry;
-    let config = request.config();
-    let meter = Meter::new(board.counter);
-    let line_words = session::memory_words(&geometry);
-    let (lines, memory) = memory
-        .split_at_mut_checked(line_words)
-        .ok_or(Refusal("the lines do not fit the lent memory"))?;
-    let [rectification_words, rectifier_words] = request.calibration_words();
-    let (calibration, memory) = memory
-        .split_at_mut_checked(rectification_words + rectifier_words)
-        .ok_or(Refusal("the calibration does not fit the lent memory"))?;
-    let scan_words = request.scan.map_or(0, |scan| scan.words());
-    let (scan, memory) = memory
-        .split_at_mut_checked(scan_words)
-        .ok_or(Refusal("the scan does not fit the lent memory"))?;
-    let (link, memory) = memory
-        .split_at_mut_checked(request.link_words())
-        .ok_or(Refusal("the link does not fit the lent memory"))?;
-    // The packets of the link, whose cost is measured where they have room beside the rest.
-    let matcher_words = config.memory_words();
-    let (memory, packet) = memory.split_at_mut(matcher_words.min(memory.len()));
-    let kernels = Metered::new(kernels, &meter);
-    let mut rectifier = match request.calibration {
-        Some(stated) => Some(rectifier(stated, &request, calibration, kernels)?),
-        None => None,
-    };
-    let rectifier = rectifier.as_mut();
+/// Parts of the lent memory, each as large as the request needs it.
+pub(crate) struct Memories {
+    /// The session's lines.
+    pub(crate) lines: &'static mut [u32],
+    /// The rectification, and the rectifier behind it.
+    pub(crate) calibration: &'static mut [u32],
+    scan: &'static mut [u32],
+    /// The link, if the board is live.
+    pub(crate) link: &'static mut [u32],
+    pub(crate) matcher: &'static mut [u32],
+    /// The packets of the link, whose cost is measured where they have room beside the rest.
+    packet: &'static mut [u32],
+}
 
+impl Memories {
+    fn new(request: &Request, memory: &'static mut [u32]) -> Result<Self, Refusal> {
+        let (lines, memory) = memory
+            .split_at_mut_checked(session::memory_words(&request.geometry))
+            .ok_or(Refusal("the lines do not fit the lent memory"))?;
+        let [rectification_words, rectifier_words] = request.calibration_words();
+        let (calibration, memory) = memory
+            .split_at_mut_checked(rectification_words + rectifier_words)
+            .ok_or(Refusal("the calibration does not fit the lent memory"))?;
+        let scan_words = request.scan.map_or(0, |scan| scan.words());
+        let (scan, memory) = memory
+            .split_at_mut_checked(scan_words)
+            .ok_or(Refusal("the scan does not fit the lent memory"))?;
+        let (link, memory) = memory
+            .split_at_mut_checked(request.link_words())
+            .ok_or(Refusal("the link does not fit the lent memory"))?;
+        let matcher_words = request.config().memory_words();
+        let (matcher, packet) = memory.split_at_mut(matcher_words.min(memory.len()));
+        Ok(Self {
+            lines,
+            calibration,
+            scan,
+            link,
+            matcher,
+            packet,
+        })
+    }
+}
+
+/// Not inlined, so that what is only there before frames are matched does not take stack then.
+#[inline(never)]
+fn serve<C: Counter, U: Uart, K: Kernels>(board: Board<C, U, K>) -> Result<Report, Refusal> {
+    let request = read_request().ok_or(Refusal("the command line is not a request"))?;
+    let memories = Memories::new(&request, board.memory)?;
+    let meter = Meter::new(board.counter);
+    let kernels = Metered::new(board.kernels, &meter);
+    if request.is_live {
+        let live = live::serve(&request, board.name, board.uart, kernels, memories);
+        return live.map(|never| match never {});
+    }
+    with_files(&request, &meter, kernels, memories)
+}
+
+/// Matches the frames of the request between files. Not inlined: neither this nor the link takes the
+/// other's stack.
+#[inline(never)]
+fn with_files<C: Counter, K: Kernels>(
+    request: &Request,
+    meter: &Meter<C>,
+    kernels: K,
+    memories: Memories,
+) -> Result<Report, Refusal> {
+    let matcher = matcher(request, kernels, memories.matcher)?;
+    let mut rectifier = rectifier(request, memories.calibration, matcher.kernels())?;
     let file_error = |_| Refusal("a file cannot be opened");
     let file = File::open(LINES_FILE).map_err(file_error)?;
-    if request.is_live {
-        let board = Parts {
-            name: board.name,
-            uart: board.uart,
-            file,
-            rectifier,
-            kernels,
-            memory,
-            lines,
-            link,
-        };
-        return live::serve(&request, board).map(|never| match never {});
-    }
-    let matcher = Matcher::new(&config, kernels, memory);
-    let matcher = matcher.map_err(|_| Refusal("the matcher refuses the configuration"))?;
     // No file has a time in it.
-    let camera = FileCamera::new(file, geometry, || 0);
+    let camera = FileCamera::new(file, request.geometry, || 0);
     let camera = FaultyCamera::new(camera, &request.faults);
     let sink = FileSink::new(
         File::create(DISPARITIES_FILE).map_err(file_error)?,
         File::create(CONFIDENCES_FILE).map_err(file_error)?,
     );
-    let camera = Metered::new(camera, &meter);
+    let camera = Metered::new(camera, meter);
     // What a scan takes of lines is not files' time.
-    let sink = Metered::new(sink, &meter);
-    let sink = BothSinks::new(sink, PacketSink::new(packet, config.width, &meter));
-    let sink = BothSinks::new(sink, scanner(&request, scan)?);
-    let session = Session::rectifying(camera, rectifier, matcher, sink, lines, NoWatchdog);
+    let sink = Metered::new(sink, meter);
+    let sink = BothSinks::new(
+        sink,
+        PacketSink::new(memories.packet, request.width(), meter),
+    );
+    let sink = BothSinks::new(sink, scanner(request, memories.scan)?);
+    let session = Session::rectifying(
+        camera,
+        rectifier.as_mut(),
+        matcher,
+        sink,
+        memories.lines,
+        NoWatchdog,
+    );
     let mut session = session.map_err(|_| Refusal("the session refuses the camera"))?;
 
     let reads = request.frames.saturating_add(request.faults.len() as u32);
-    let reads = reads.saturating_mul(ATTEMPT_FRAMES * geometry.height);
+    let reads = reads.saturating_mul(ATTEMPT_FRAMES * request.geometry.height);
     let mut frames = 0;
     for _ in 0..reads {
         if frames == request.frames {
@@ -157,15 +190,28 @@ fn serve<C: Counter, U: Uart, K: Kernels>(board: Board<C, U, K>) -> Result<Repor
     })
 }
 
-/// Reads the rectification into `memory`, and builds the rectifier behind it. Not inlined, so that its
-/// stack is free again while frames are matched.
+/// Builds the matcher. Not inlined, so that its stack is free again while frames are matched.
 #[inline(never)]
-fn rectifier<K: Kernels>(
-    stated: Calibration,
+pub(crate) fn matcher<K: Kernels>(
+    request: &Request,
+    kernels: K,
+    memory: &'static mut [u32],
+) -> Result<Matcher<'static, K>, Refusal> {
+    let matcher = Matcher::new(&request.config(), kernels, memory);
+    matcher.map_err(|_| Refusal("the matcher refuses the configuration"))
+}
+
+/// Reads the rectification, if the request has one, into `memory`, and builds the rectifier behind it.
+/// Not inlined, so that its stack is free again while frames are matched.
+#[inline(never)]
+pub(crate) fn rectifier<K: Kernels>(
     request: &Request,
     memory: &'static mut [u32],
     kernels: K,
-) -> Result<Rectifier<'static, 'static, K>, Refusal> {
+) -> Result<Option<Rectifier<'static, 'static, K>>, Refusal> {
+    let Some(stated) = request.calibration else {
+        return Ok(None);
+    };
     let [words, _] = request.calibration_words();
     let (bytes, memory) = memory
         .split_at_mut_checked(words)
@@ -179,8 +225,9 @@ fn rectifier<K: Kernels>(
     let rectification =
         Rectification::from_bytes(bytes).map_err(|_| Refusal("the rectification is not valid"))?;
     let colour = request.config().colour;
-    Rectifier::new(rectification, colour, kernels, memory)
-        .map_err(|_| Refusal("the rectifier does not fit the lent memory"))
+    let rectifier = Rectifier::new(rectification, colour, kernels, memory);
+    let rectifier = rectifier.map_err(|_| Refusal("the rectifier does not fit the lent memory"))?;
+    Ok(Some(rectifier))
 }
 
 /// Builds the sink of the scans, if the request has one. Not inlined, so that its stack is free again
