@@ -24,8 +24,8 @@ use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
 /// Limits of RAM: board, preset, columns, number of disparities, and KiB that statics, working
 /// memory and stack may take together.
 const RAM_KIB: [(Board, Preset, u32, u16, u64); 5] = [
-    (STM32F405, Preset::Lite, 160, 32, 48),
-    (STM32F405, Preset::Lite, 320, 48, 90),
+    (STM32F405, Preset::Lite, 160, 32, 44),
+    (STM32F405, Preset::Lite, 320, 48, 88),
     (STM32F405, Preset::Micro, 320, 48, 120),
     (MPS2_AN500, Preset::Lite, 450, 60, 150),
     (MPS2_AN500, Preset::Balanced, 450, 60, 300),
