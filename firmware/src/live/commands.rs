@@ -3,7 +3,7 @@
 use vgstereo_link::board::Outcome;
 use vgstereo_link::host::CalibrationPiece;
 use vgstereo_link::packet::checksum;
-use vgstereo_link::{Decoder, HostMessage};
+use vgstereo_link::{Decoder, HostMessage, Packet};
 
 use super::port::LinkPort;
 use super::store::{CalibrationStore, StoreError};
@@ -33,30 +33,22 @@ impl<'m> Receiver<'m> {
         }
     }
 
-    /// Gives the next command with its sequence number to `execute`, if one has come; returns whether
-    /// one has.
-    pub(super) fn next(
-        &mut self,
-        port: &mut impl LinkPort,
-        execute: impl FnOnce(u32, &HostMessage<'_>),
-    ) -> bool {
-        loop {
-            if self.rest.is_empty() {
-                let received = port.receive(&mut self.chunk).min(CHUNK_BYTES);
-                if received == 0 {
-                    return false;
-                }
-                self.rest = 0..received;
-            }
-            let mut input = self.chunk.get(self.rest.clone()).unwrap_or_default();
-            let end = self.rest.end;
-            let packet = self.decoder.next::<HostMessage<'_>>(&mut input);
-            self.rest.start = end - input.len();
-            if let Some(Ok(packet)) = packet {
-                execute(packet.sequence, &packet.message);
-                return true;
-            }
+    /// Takes bytes from the port if none of before are left; returns whether there are any.
+    pub(super) fn fill(&mut self, port: &mut impl LinkPort) -> bool {
+        if self.rest.is_empty() {
+            self.rest = 0..port.receive(&mut self.chunk).min(CHUNK_BYTES);
         }
+        !self.rest.is_empty()
+    }
+
+    /// The next command, if the bytes that are left complete one. They are taken as far as that, or
+    /// all.
+    pub(super) fn next(&mut self) -> Option<Packet<HostMessage<'_>>> {
+        let mut input = self.chunk.get(self.rest.clone()).unwrap_or_default();
+        let end = self.rest.end;
+        let received = self.decoder.next(&mut input);
+        self.rest.start = end - input.len();
+        received?.ok()
     }
 
     /// Number of packets that were refused since this was last asked.

@@ -129,7 +129,7 @@ impl TestPatternSource for Pushed {
 /// A session that sends what the host has selected, and carries out its commands between frames.
 #[derive(Debug)]
 pub struct Live<'m, C, K, P, W, T = NoStore> {
-    session: Session<'m, C, K, LinkSink<'m, P>, W>,
+    session: Served<'m, C, K, P, W>,
     receiver: Receiver<'m>,
     upload: Upload,
     store: T,
@@ -205,11 +205,7 @@ where
     W: Watchdog,
     T: CalibrationStore,
 {
-    fn over(
-        session: Session<'m, C, K, LinkSink<'m, P>, W>,
-        receiver: Receiver<'m>,
-        store: T,
-    ) -> Self {
+    fn over(session: Served<'m, C, K, P, W>, receiver: Receiver<'m>, store: T) -> Self {
         Self {
             session,
             receiver,
@@ -276,164 +272,136 @@ where
 
     /// Carries out commands, until none has come or an answer has to wait for the port.
     fn take_commands(&mut self) {
+        let Self {
+            session,
+            receiver,
+            upload,
+            store,
+            is_calibrated,
+        } = self;
         loop {
-            let sender = &mut self.session.sink_mut().sender;
+            let sender = &mut session.sink_mut().sender;
+            count(
+                &mut sender.counters.commands_refused,
+                receiver.newly_refused(),
+            );
             sender.settle();
-            if sender.owed.answer.is_some() {
+            if sender.owed.answer.is_some() || !receiver.fill(sender.port_mut()) {
                 return;
             }
-            let Self {
-                session,
-                receiver,
-                upload,
-                store,
-                is_calibrated,
-            } = self;
-            let mut received = None;
-            let port = sink_port(session);
-            let has_come = receiver.next(port, |sequence, message| {
-                // A piece of a calibration is written from the receiver's memory.
-                let outcome = match message {
-                    HostMessage::CalibrationPiece(piece) => Some(upload.piece(piece, store)),
-                    HostMessage::CalibrationCommit { total_bytes, crc32 } => {
-                        let outcome = upload.commit(*total_bytes, *crc32, store);
-                        *is_calibrated |= outcome == Outcome::Done;
-                        Some(outcome)
-                    }
-                    HostMessage::CalibrationDiscard => {
-                        upload.discard();
-                        Some(Outcome::Done)
-                    }
-                    _ => None,
-                };
-                received = Some((sequence, outcome, Command::of(message)));
-            });
-            let refused = receiver.newly_refused();
-            let counters = &mut session.sink_mut().sender.counters;
-            counters.commands_refused = counters.commands_refused.saturating_add(refused);
-            let Some((sequence, outcome, command)) = received.filter(|_| has_come) else {
-                return;
+            let Some(packet) = receiver.next() else {
+                continue;
             };
-            let outcome = outcome.unwrap_or_else(|| self.execute(command));
-            let sender = &mut self.session.sink_mut().sender;
+            let outcome = match packet.message {
+                HostMessage::CalibrationPiece(piece) => upload.piece(&piece, store),
+                HostMessage::CalibrationCommit { total_bytes, crc32 } => {
+                    let outcome = upload.commit(total_bytes, crc32, store);
+                    *is_calibrated |= outcome == Outcome::Done;
+                    outcome
+                }
+                HostMessage::CalibrationDiscard => {
+                    upload.discard();
+                    Outcome::Done
+                }
+                HostMessage::Start => change(session, |state| state.is_started = true),
+                HostMessage::Stop => change(session, |state| state.is_started = false),
+                HostMessage::Select(selection) => select(session, selection),
+                HostMessage::Source(source) => show(session, source),
+                HostMessage::Parameters(parameters) => use_parameters(session, &parameters),
+                HostMessage::ResetCounters => {
+                    session.reset_statistics();
+                    let sender = &mut session.sink_mut().sender;
+                    sender.session = SessionCounters::default();
+                    sender.counters = LinkCounters::default();
+                    Outcome::Done
+                }
+                HostMessage::SendHello => {
+                    session.sink_mut().sender.introduce();
+                    Outcome::Done
+                }
+            };
+            let sender = &mut session.sink_mut().sender;
             let counters = &mut sender.counters;
             let counter = match outcome {
                 Outcome::Done => &mut counters.commands,
                 _ => &mut counters.commands_refused,
             };
-            *counter = counter.saturating_add(1);
-            sender.owed.answer = Some((sequence, outcome));
+            count(counter, 1);
+            sender.owed.answer = Some((packet.sequence, outcome));
         }
     }
+}
 
-    fn execute(&mut self, command: Command) -> Outcome {
-        let supported = self.session.sink().sender.hello.streams;
-        let state = |live: &mut Self, change: &dyn Fn(&mut State)| {
-            let sender = &mut live.session.sink_mut().sender;
-            change(&mut sender.state);
-            sender.owed.state = true;
-            Outcome::Done
+fn count(counter: &mut u32, times: u32) {
+    *counter = counter.saturating_add(times);
+}
+
+/// The session behind a live one.
+type Served<'m, C, K, P, W> = Session<'m, C, K, LinkSink<'m, P>, W>;
+
+/// Changes the state, of which the host is told.
+fn change<C, K: Kernels, P: LinkPort, W: Watchdog>(
+    session: &mut Served<'_, C, K, P, W>,
+    change: impl FnOnce(&mut State),
+) -> Outcome {
+    let sender = &mut session.sink_mut().sender;
+    change(&mut sender.state);
+    sender.owed.state = true;
+    Outcome::Done
+}
+
+fn select<C, K: Kernels, P: LinkPort, W: Watchdog>(
+    session: &mut Served<'_, C, K, P, W>,
+    selection: Selection,
+) -> Outcome {
+    let has_pixels = selection
+        .region
+        .is_none_or(|region| region.width_px > 0 && region.height_lines > 0);
+    let supported = session.sink().sender.hello.streams;
+    if !supported.contains(selection.streams) {
+        return Outcome::Unsupported;
+    }
+    if selection.every_frames == 0 || !has_pixels {
+        return Outcome::OutOfBounds;
+    }
+    change(session, |state| state.selection = selection)
+}
+
+fn show<C: TestPatternSource, K: Kernels, P: LinkPort, W: Watchdog>(
+    session: &mut Served<'_, C, K, P, W>,
+    source: Source,
+) -> Outcome {
+    let is_pattern = source == Source::TestPattern;
+    if !session.camera_mut().show_pattern(is_pattern) {
+        return Outcome::Unsupported;
+    }
+    change(session, |state| state.source = source)
+}
+
+fn use_parameters<C, K: Kernels, P: LinkPort, W: Watchdog>(
+    session: &mut Served<'_, C, K, P, W>,
+    parameters: &Parameters,
+) -> Outcome {
+    let asked = Parameters {
+        confidence_min: None,
+        ..*parameters
+    };
+    if asked != Parameters::default() {
+        let Some(own) = session.matcher().config().checks() else {
+            return Outcome::Unsupported;
         };
-        match command {
-            Command::Start => state(self, &|state| state.is_started = true),
-            Command::Stop => state(self, &|state| state.is_started = false),
-            Command::Select(selection) => {
-                let has_pixels = selection
-                    .region
-                    .is_none_or(|region| region.width_px > 0 && region.height_lines > 0);
-                if !supported.contains(selection.streams) {
-                    return Outcome::Unsupported;
-                }
-                if selection.every_frames == 0 || !has_pixels {
-                    return Outcome::OutOfBounds;
-                }
-                state(self, &|state| state.selection = selection)
-            }
-            Command::Source(source) => {
-                let is_pattern = source == Source::TestPattern;
-                if !self.session.camera_mut().show_pattern(is_pattern) {
-                    return Outcome::Unsupported;
-                }
-                state(self, &|state| state.source = source)
-            }
-            Command::Parameters(parameters) => self.use_parameters(&parameters),
-            Command::ResetCounters => {
-                self.session.reset_statistics();
-                let sender = &mut self.session.sink_mut().sender;
-                sender.session = SessionCounters::default();
-                sender.counters = LinkCounters::default();
-                Outcome::Done
-            }
-            Command::SendHello => {
-                self.session.sink_mut().sender.introduce();
-                Outcome::Done
-            }
-            Command::Other => Outcome::Refused,
+        match session.set_checks(&with(own, parameters)) {
+            Ok(()) => {}
+            Err(ChecksError::SpeckleSize) => return Outcome::OutOfBounds,
+            Err(_) => return Outcome::Unsupported,
         }
     }
-
-    fn use_parameters(&mut self, parameters: &Parameters) -> Outcome {
-        let own = self.session.matcher().config().checks();
-        let asked = Parameters {
-            confidence_min: None,
-            ..*parameters
-        };
-        if asked != Parameters::default() {
-            let Some(own) = own else {
-                return Outcome::Unsupported;
-            };
-            match self.session.set_checks(&with(own, parameters)) {
-                Ok(()) => {}
-                Err(ChecksError::SpeckleSize) => return Outcome::OutOfBounds,
-                Err(_) => return Outcome::Unsupported,
-            }
-        }
-        let now = self.session.matcher().config().checks();
-        let state = &mut self.session.sink_mut().sender.state;
-        let confidence_min = parameters
-            .confidence_min
-            .or(state.parameters.confidence_min);
+    let now = session.matcher().config().checks();
+    change(session, |state| {
+        let confidence_min = parameters.confidence_min;
+        let confidence_min = confidence_min.or(state.parameters.confidence_min);
         state.parameters = stated(now, confidence_min);
-        self.session.sink_mut().sender.owed.state = true;
-        Outcome::Done
-    }
-}
-
-fn sink_port<'s, C, K: Kernels, P: LinkPort, W: Watchdog>(
-    session: &'s mut Session<'_, C, K, LinkSink<'_, P>, W>,
-) -> &'s mut P {
-    session.sink_mut().sender.port_mut()
-}
-
-/// A command that is carried out when the receiver's memory is no longer borrowed.
-#[derive(Debug, Clone, Copy)]
-enum Command {
-    Start,
-    Stop,
-    Select(Selection),
-    Source(Source),
-    Parameters(Parameters),
-    ResetCounters,
-    SendHello,
-    /// One that was carried out already.
-    Other,
-}
-
-impl Command {
-    fn of(message: &HostMessage<'_>) -> Self {
-        match *message {
-            HostMessage::Start => Self::Start,
-            HostMessage::Stop => Self::Stop,
-            HostMessage::Select(selection) => Self::Select(selection),
-            HostMessage::Source(source) => Self::Source(source),
-            HostMessage::Parameters(parameters) => Self::Parameters(parameters),
-            HostMessage::ResetCounters => Self::ResetCounters,
-            HostMessage::SendHello => Self::SendHello,
-            HostMessage::CalibrationPiece(_)
-            | HostMessage::CalibrationCommit { .. }
-            | HostMessage::CalibrationDiscard => Self::Other,
-        }
-    }
+    })
 }
 
 /// The checks with those parameters that are given.
