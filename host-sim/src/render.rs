@@ -89,7 +89,7 @@ impl RenderedCameras {
     /// Returns the cameras of a scene that is rendered with these options.
     #[must_use]
     pub fn of(options: &RenderOptions) -> Self {
-        let (yard, ..) = courtyard(options, 0.0);
+        let (yard, ..) = bare_courtyard(options, 0.0);
         yard.rig()
     }
 }
@@ -106,6 +106,13 @@ pub fn surface_points(options: &RenderOptions) -> Vec<Option<[f64; 3]>> {
 /// Returns the scene, which can be looked at beyond its views by a part of their width, and its width,
 /// height and largest disparity, px, in their ranges.
 fn courtyard(options: &RenderOptions, margin_widths: f64) -> (Courtyard, u32, u32, u16) {
+    let (mut yard, width, height, d_max) = bare_courtyard(options, margin_widths);
+    yard.furnish();
+    (yard, width, height, d_max)
+}
+
+/// As [`courtyard`], with nothing in it.
+fn bare_courtyard(options: &RenderOptions, margin_widths: f64) -> (Courtyard, u32, u32, u16) {
     let width = options.width.clamp(SIDE_MIN_PX, SIDE_MAX_PX);
     let height = options.height.clamp(SIDE_MIN_PX, SIDE_MAX_PX);
     // Half of SIDE_MAX_PX fits.
@@ -176,7 +183,7 @@ impl BoardPictures {
     /// # Errors
     /// Fails as [`render_distorted`] does.
     pub fn new(options: &RenderOptions) -> Result<Self> {
-        let (yard, width, height, _) = courtyard(options, 0.0);
+        let (yard, width, height, _) = bare_courtyard(options, 0.0);
         let size = [u16::try_from(width)?, u16::try_from(height)?];
         Ok(Self {
             options: *options,
@@ -222,9 +229,8 @@ pub fn render_wall(
     turned_degrees: [f64; 2],
     frame: u32,
 ) -> [RgbImage; 2] {
-    let (mut yard, width, height, _) = courtyard(options, 0.0);
+    let (mut yard, width, height, _) = bare_courtyard(options, 0.0);
     let turned = turned_degrees.map(f64::to_radians);
-    yard.clear();
     yard.add(wall::wall(yard.left(), distance_mm / 1000.0, turned));
     let noisy = RenderOptions {
         seed: options.seed ^ u64::from(frame) << 32,

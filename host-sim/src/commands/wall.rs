@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use image::{ImageFormat, Rgb, RgbImage};
-use vgstereo_core::geometry::{Rectification, RectifiedCamera};
+use vgstereo_core::geometry::Rectification;
 use vgstereo_core::{Config, DisparityRange, Output, Preset, Reference};
 use vgstereo_kernels::NativeKernels;
 
@@ -81,28 +81,57 @@ impl Wall {
             ensure_distinct_outputs(&inputs, &[path]).context("--residuals")?;
         }
         let (pairs, _) = self.images.as_chunks::<2>();
-        let mut matched: Option<Matched> = None;
+        let parameters = self.overrides.apply(self.preset)?;
+        let [first, _] = pairs.first().context("there is no pair")?;
+        let raw_size = ImageFile::open(first)?.dimensions();
+        let cameras = self.cameras.read(Some(raw_size))?;
+        let rectification = cameras.rectification.as_deref();
+        let rectification = rectification.map(Rectification::from_bytes).transpose()?;
+        let (width, height) = match &rectification {
+            Some(r) => (r.width, u32::from(r.height)),
+            None => (u16::try_from(raw_size.0)?, raw_size.1),
+        };
+        let disparities = DisparityRange::up_to(self.d_max);
+        ensure!(
+            self.d_max < width && disparities.fits(width),
+            "--d-max {} is not smaller than the width of {}, {width} px, or above 2047",
+            self.d_max,
+            shown(first)
+        );
+        let config = Config {
+            output: Output::Sparse,
+            ..Config::new(parameters, width, disparities)
+        };
+        config.validate()?;
+        let camera = self.cameras.camera(
+            "wall",
+            rectification.as_ref(),
+            &cameras.warnings,
+            [width.into(), height],
+            Reference::Left,
+        )?;
         let bar = progress_bar(pairs.len() as u64, "pairs of the wall");
-        for [left, right] in pairs {
-            let pair = [ImageFile::open(left)?, ImageFile::open(right)?];
-            self.take(&mut matched, &pair)
-                .with_context(|| shown(left).to_string())?;
-            bar.inc(1);
-        }
+        let frames: Result<Vec<_>> = pairs
+            .iter()
+            .map(|pair| {
+                let matched = matched(pair, raw_size, rectification.as_ref(), &config);
+                bar.inc(1);
+                matched.with_context(|| shown(&pair[0]).to_string())
+            })
+            .collect();
         bar.finish_and_clear();
-        let matched = matched.context("there is no pair")?;
-        let [width, height] = matched.size;
+        let frames = frames?;
+        let [width, height] = [usize::from(width), height as usize];
         let part = Part::middle([width, height], f64::from(self.part) / 100.0);
-        let figures = measure(&matched.frames, width, part, &matched.camera, self.distance)?;
+        let figures = measure(&frames, width, part, &camera, self.distance)?;
         if let Some(path) = &self.residuals {
             let picture = residuals(&figures, part);
             write_files(&[(path, encode(&picture.into(), ImageFormat::Png)?)])?;
         }
-        let parameters = self.overrides.apply(self.preset)?;
         let mut text = format!(
             "{}, {} of {width}x{height} px, the middle {}x{} px\n{}\n",
             name_of(&parameters, self.preset),
-            match matched.frames.len() {
+            match frames.len() {
                 1 => "1 pair".to_owned(),
                 count => format!("{count} pairs"),
             },
@@ -121,70 +150,31 @@ impl Wall {
         }
         Ok(text)
     }
-
-    /// Matches a pair and adds it to those before it, which have its size.
-    fn take(&self, matched: &mut Option<Matched>, pair: &[ImageFile; 2]) -> Result<()> {
-        let [left, right] = pair;
-        let size = left.dimensions();
-        let cameras = self.cameras.read(Some(size))?;
-        let rectification = cameras.rectification.as_deref();
-        let rectification = rectification.map(Rectification::from_bytes).transpose()?;
-        let images = ViewImages::decode(left, right, None)?;
-        let mut views = Views::new(images.left, images.right, false)?;
-        if let Some(rectification) = &rectification {
-            views = rectified(&views, rectification)?;
-        }
-        let (width, height) = match &rectification {
-            Some(r) => (r.width, u32::from(r.height)),
-            None => (u16::try_from(size.0)?, size.1),
-        };
-        let size = [usize::from(width), height as usize];
-        if let Some(matched) = matched {
-            ensure!(
-                matched.size == size,
-                "the pair is not as large as the first"
-            );
-        }
-        let disparities = DisparityRange::up_to(self.d_max);
-        ensure!(
-            self.d_max < width && disparities.fits(width),
-            "--d-max {} is not smaller than the width of {width} px, or above 2047",
-            self.d_max
-        );
-        let config = Config {
-            colour: views.has_colour(),
-            output: Output::Sparse,
-            ..Config::new(self.overrides.apply(self.preset)?, width, disparities)
-        };
-        config.validate()?;
-        let frame = match_frame(&config, &views, NativeKernels::fastest(), 2)?.disparities_q4;
-        match matched {
-            Some(matched) => matched.frames.push(frame),
-            None => {
-                let camera = self.cameras.camera(
-                    "wall",
-                    rectification.as_ref(),
-                    &cameras.warnings,
-                    [width.into(), height],
-                    Reference::Left,
-                )?;
-                let frames = vec![frame];
-                *matched = Some(Matched {
-                    size,
-                    camera,
-                    frames,
-                });
-            }
-        }
-        Ok(())
-    }
 }
 
-/// The frames that were matched.
-struct Matched {
-    size: [usize; 2],
-    camera: RectifiedCamera,
-    frames: Vec<Vec<i16>>,
+/// Matches a pair of images of this size, px, and returns its disparities, 1/16 px, row-major.
+fn matched(
+    [left, right]: &[PathBuf; 2],
+    raw_size: (u32, u32),
+    rectification: Option<&Rectification<'_>>,
+    config: &Config,
+) -> Result<Vec<i16>> {
+    let (left, right) = (ImageFile::open(left)?, ImageFile::open(right)?);
+    ensure!(
+        left.dimensions() == raw_size,
+        "the pair is not as large as the first"
+    );
+    let images = ViewImages::decode(&left, &right, None)?;
+    let mut views = Views::new(images.left, images.right, false)?;
+    if let Some(rectification) = rectification {
+        views = rectified(&views, rectification)?;
+    }
+    let config = Config {
+        colour: views.has_colour(),
+        ..*config
+    };
+    let matched = match_frame(&config, &views, NativeKernels::fastest(), 2)?;
+    Ok(matched.disparities_q4)
 }
 
 fn as_text(figures: &Figures) -> String {

@@ -68,8 +68,8 @@ pub(super) struct Courtyard {
 }
 
 impl Courtyard {
-    /// Returns the courtyard for views of this size, with disparities up to `d_max` px. It can be looked at
-    /// from both cameras up to `margin_px` beyond their views.
+    /// Returns the courtyard without its furniture, for views of this size, with disparities up to `d_max`
+    /// px. It can be looked at from both cameras up to `margin_px` beyond their views.
     pub(super) fn new(
         width_px: u32,
         height_px: u32,
@@ -80,7 +80,6 @@ impl Courtyard {
     ) -> Self {
         // Both halves of the seed count.
         let seed = (seed ^ (seed >> 32)) as u32;
-        let mut objects = furnish(seed);
         let widths = f64::from(width_px).max(f64::from(height_px) * 4.0 / 3.0);
         let focal_px = FOCAL_WIDTHS * widths;
         let disparity_metres = f64::from(d_max) * NEAREST;
@@ -95,13 +94,6 @@ impl Courtyard {
             )
         };
         let cameras = [camera(0.0), camera(baseline)];
-        // Chance may let a leaf or twig grow out of the range of disparities.
-        objects.retain(|object| {
-            !matches!(object.material, Material::Leaf | Material::Stick)
-                || object
-                    .bound()
-                    .is_some_and(|(centre, radius)| cameras[0].depth(centre) - radius >= NEAREST)
-        });
         let side = f64::from(TILE_PX);
         // At least a tile: rays of anti-aliasing leave the image by less than 1 px.
         let margin = margin_px.div_ceil(TILE_PX).max(1);
@@ -110,7 +102,7 @@ impl Courtyard {
         let tiles = || Grid::new(start, start, side, tiles(width_px), tiles(height_px));
         let sun = vec3(-0.55, 0.95, -0.80).unit();
         let across = sun.cross(vec3(0.0, 1.0, 0.0)).unit();
-        let mut yard = Self {
+        Self {
             objects: Vec::new(),
             cameras,
             tiles: [tiles(), tiles()],
@@ -120,18 +112,22 @@ impl Courtyard {
             shadows: Grid::new(-8.0, -8.0, 0.125, 128, 128),
             seed,
             texture,
-        };
-        for object in objects {
-            yard.add(object);
         }
-        yard
     }
 
-    /// Takes all objects away.
-    pub(super) fn clear(&mut self) {
-        self.objects.clear();
-        for grid in self.tiles.iter_mut().chain([&mut self.shadows]) {
-            grid.clear();
+    /// Adds the furniture.
+    pub(super) fn furnish(&mut self) {
+        let mut objects = furnish(self.seed);
+        // Chance may let a leaf or twig grow out of the range of disparities.
+        let camera = self.cameras[0];
+        objects.retain(|object| {
+            !matches!(object.material, Material::Leaf | Material::Stick)
+                || object
+                    .bound()
+                    .is_some_and(|(centre, radius)| camera.depth(centre) - radius >= NEAREST)
+        });
+        for object in objects {
+            self.add(object);
         }
     }
 

@@ -30,11 +30,6 @@ impl Grid {
         }
     }
 
-    /// Takes all objects out.
-    pub(super) fn clear(&mut self) {
-        self.cells.iter_mut().for_each(Vec::clear);
-    }
-
     /// Adds an object to the cells that the rectangle `[left, right, top, bottom]` touches.
     pub(super) fn insert(&mut self, object: u16, [left, right, top, bottom]: [f64; 4]) {
         // Saturating casts: spans off the grid end at its border.
