@@ -117,11 +117,7 @@ async fn stereo(mut lines: Receiver<'static, Mutex, Delivery>) {
         preset: Preset::Lite.name(),
         camera: None,
         calibration: None,
-        selection: Selection {
-            streams: Streams::DISPARITIES,
-            every_frames: 1,
-            region: None,
-        },
+        selection: Selection::whole(Streams::DISPARITIES),
         is_started: true,
         clock: now_us,
         // The camera does not wait: what the port has no room for is left out.

@@ -33,11 +33,7 @@ const LONG: Duration = Duration::from_secs(120);
 const DROPPED: u64 = 3_000;
 const FLIPPED: u64 = 9_000;
 
-const DISPARITIES: Selection = Selection {
-    streams: Streams::DISPARITIES.with(Streams::CONFIDENCES),
-    every_frames: 1,
-    region: None,
-};
+const DISPARITIES: Selection = Selection::whole(Streams::DISPARITIES.with(Streams::CONFIDENCES));
 
 fn main() {
     let mut trials = Vec::new();

@@ -19,12 +19,8 @@ use crate::request::{CameraRequest, MAX_FAULTS, Request};
 use crate::run::{self, Memories, Refusal};
 use crate::serial::{SerialPort, Uart};
 
-/// What is sent until the host asks for something else.
-const SELECTION: Selection = Selection {
-    streams: Streams::DISPARITIES.with(Streams::CONFIDENCES),
-    every_frames: 1,
-    region: None,
-};
+/// Streams that a board sends from its start, until the host selects others.
+const SELECTION: Selection = Selection::whole(Streams::DISPARITIES.with(Streams::CONFIDENCES));
 
 /// A board's live session.
 type BoardSession<'m, 'r, U, K> = Live<

@@ -31,7 +31,7 @@ use crate::{
 /// Largest length of the command line, bytes.
 const COMMAND_LINE_BYTES: usize = 1024;
 
-/// What a board brings.
+/// Parts of a run that differ from board to board: counter, port, kernels, memory and stack.
 #[derive(Debug)]
 pub struct Board<C, U, K> {
     /// The board's name.

@@ -3,6 +3,7 @@
 use core::fmt;
 
 use cobs::{DecodeResult, DecoderState};
+use serde::Serialize;
 
 use crate::message::{self, Message, ReadError};
 use crate::packet::{CHECKSUM_BYTES, VERSION, checksum};
@@ -54,7 +55,7 @@ impl core::error::Error for Refusal {}
 
 /// What a decoder has counted. Counters saturate. Each packet that has ended counts in one of the
 /// first five.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Counters {
     /// Messages delivered.
     pub messages: u32,

@@ -15,6 +15,18 @@ pub struct Selection {
     pub region: Option<Region>,
 }
 
+impl Selection {
+    /// These streams of all frames, whole.
+    #[must_use]
+    pub const fn whole(streams: Streams) -> Self {
+        Self {
+            streams,
+            every_frames: 1,
+            region: None,
+        }
+    }
+}
+
 /// Parameters that neither memory nor latency depend on. `None` leaves one as it is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Parameters {

@@ -86,11 +86,7 @@ impl<'m, P: LinkPort> LinkSink<'m, P> {
 }
 
 /// What is sent of a frame that is left out.
-const NOTHING: Selection = Selection {
-    streams: Streams::NONE,
-    every_frames: 1,
-    region: None,
-};
+const NOTHING: Selection = Selection::whole(Streams::NONE);
 
 impl<P: LinkPort> DisparitySink for LinkSink<'_, P> {
     type Error = Infallible;

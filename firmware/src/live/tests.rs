@@ -191,6 +191,31 @@ type Board<'m, T = NoStore> = Live<
     T,
 >;
 
+/// What the test's boards have in common. Their camera has 100 px and 50 mm.
+fn setup<'m, T>(
+    port: &'m mut Port,
+    store: T,
+    gap_us: u64,
+    memory: &'m mut [u32],
+) -> Setup<'m, &'m mut Port, T> {
+    let depth = vgstereo_core::geometry::Depth::new(100 * 50 * 256, 0);
+    Setup {
+        port,
+        device: "test",
+        firmware: "0",
+        preset: "lite",
+        camera: depth
+            .and_then(|depth| RectifiedCamera::new(depth, 100 * 256, [24 * 256, 12 * 256])),
+        calibration: None,
+        selection: Selection::whole(Streams::DISPARITIES),
+        is_started: true,
+        clock,
+        gap_us,
+        store,
+        memory,
+    }
+}
+
 /// Runs `body` with a board.
 fn with_board<T: CalibrationStore>(
     faults: &[ScriptedFault],
@@ -205,26 +230,7 @@ fn with_board<T: CalibrationStore>(
     let mut link = vec![0; memory_words(&GEOMETRY, &config)];
     let camera = FaultyCamera::new(Noise { frame: 0, line: 0 }, faults);
     let matcher = Matcher::new(&config, Portable, &mut memory).unwrap();
-    let setup = Setup {
-        port,
-        device: "test",
-        firmware: "0",
-        preset: "lite",
-        // 100 px and 50 mm.
-        camera: vgstereo_core::geometry::Depth::new(100 * 50 * 256, 0)
-            .and_then(|depth| RectifiedCamera::new(depth, 100 * 256, [24 * 256, 12 * 256])),
-        calibration: None,
-        selection: Selection {
-            streams: Streams::DISPARITIES,
-            every_frames: 1,
-            region: None,
-        },
-        is_started: true,
-        clock,
-        gap_us,
-        store,
-        memory: &mut link,
-    };
+    let setup = setup(port, store, gap_us, &mut link);
     let live = Live::new(camera, None, matcher, &mut lines, NoWatchdog, setup);
     body(&mut live.unwrap());
 }
@@ -247,16 +253,9 @@ fn port<'b, T: CalibrationStore>(board: &'b mut Board<'_, T>) -> &'b mut Port {
     board.session.sink_mut().sender.port_mut()
 }
 
-/// What was sent since this was last asked.
+/// What was sent since this was last asked, of which nothing may be damaged.
 fn taken<T: CalibrationStore>(board: &mut Board<'_, T>) -> Vec<Got> {
-    let bytes = core::mem::take(&mut port(board).sent);
-    let mut memory = [0; 2000];
-    let mut decoder = Decoder::new(&mut memory);
-    let (mut rest, mut got) = (&bytes[..], vec![]);
-    while let Some(packet) = decoder.next::<BoardMessage<'_>>(&mut rest) {
-        got.push(owned(&packet.unwrap().message));
-    }
-    got
+    messages(&core::mem::take(&mut port(board).sent))
 }
 
 /// The host's end.
@@ -289,11 +288,7 @@ fn open() -> Port {
 }
 
 fn select(streams: Streams) -> HostMessage<'static> {
-    HostMessage::Select(Selection {
-        streams,
-        every_frames: 1,
-        region: None,
-    })
+    HostMessage::Select(Selection::whole(streams))
 }
 
 /// The disparities of a frame, by a matcher alone.
@@ -759,25 +754,7 @@ fn both_doors_lead_to_the_same_bytes() {
     let mut pushed = open();
     NOW_US.with(|now| now.set(0));
     {
-        let setup = Setup {
-            port: &mut pushed,
-            device: "test",
-            firmware: "0",
-            preset: "lite",
-            camera: vgstereo_core::geometry::Depth::new(100 * 50 * 256, 0)
-                .and_then(|depth| RectifiedCamera::new(depth, 100 * 256, [24 * 256, 12 * 256])),
-            calibration: None,
-            selection: Selection {
-                streams: Streams::DISPARITIES,
-                every_frames: 1,
-                region: None,
-            },
-            is_started: true,
-            clock,
-            gap_us: 0,
-            store: NoStore,
-            memory: &mut link,
-        };
+        let setup = setup(&mut pushed, NoStore, 0, &mut link);
         let matcher = Matcher::new(&config, Portable, &mut memory).unwrap();
         let live = Live::pushed(GEOMETRY, None, matcher, NoWatchdog, setup);
         let mut live = live.unwrap();

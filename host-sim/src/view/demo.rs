@@ -203,11 +203,7 @@ fn run(wire: &Arc<Wire>) -> Result<()> {
         preset: preset.name(),
         camera: RenderedCameras::of(&options).rectified(),
         calibration: None,
-        selection: Selection {
-            streams: Streams::DISPARITIES,
-            every_frames: 1,
-            region: None,
-        },
+        selection: Selection::whole(Streams::DISPARITIES),
         is_started: false,
         clock,
         gap_us: 0,

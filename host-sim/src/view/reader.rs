@@ -189,7 +189,7 @@ impl Reader {
                 Received::Nothing => {}
                 Received::Ended(reason) => return reason,
             }
-            self.packets = PacketCounts::new(&decoder.counters(), self.packets.bytes);
+            self.packets.counters = decoder.counters();
             while let Ok(command) = self.requests.try_recv() {
                 if command == Command::ResetCounters {
                     decoder.reset_counters();
@@ -245,8 +245,7 @@ impl Reader {
                     }
                 }
             }
-            let bytes = self.packets.bytes;
-            self.packets = PacketCounts::new(&decoder.counters(), bytes);
+            self.packets.counters = decoder.counters();
             self.is_changed = true;
         }
     }
@@ -269,11 +268,7 @@ impl Reader {
         }
         connection.selected = Some(streams);
         self.asked = streams;
-        let selection = Selection {
-            streams,
-            every_frames: 1,
-            region: None,
-        };
+        let selection = Selection::whole(streams);
         let name = format!("select {streams:?}");
         self.send(connection, &name, &HostMessage::Select(selection));
     }

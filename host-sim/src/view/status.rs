@@ -86,33 +86,12 @@ impl CameraStatus {
 
 /// The counters of a decoder, and how many bytes it was given.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
-#[expect(missing_docs, reason = "those of `Counters`")]
 pub struct PacketCounts {
+    /// Bytes that have come.
     pub bytes: u64,
-    pub messages: u32,
-    pub broken: u32,
-    pub too_long: u32,
-    pub unknown: u32,
-    pub stale: u32,
-    pub lost: u32,
-    pub restarts: u32,
-}
-
-impl PacketCounts {
-    /// The counts of a decoder that was given so many bytes.
-    #[must_use]
-    pub fn new(counters: &Counters, bytes: u64) -> Self {
-        Self {
-            bytes,
-            messages: counters.messages,
-            broken: counters.broken,
-            too_long: counters.too_long,
-            unknown: counters.unknown,
-            stale: counters.stale,
-            lost: counters.lost,
-            restarts: counters.restarts,
-        }
-    }
+    /// What became of the packets in them.
+    #[serde(flatten)]
+    pub counters: Counters,
 }
 
 /// What became of a command.

@@ -93,11 +93,7 @@ pub fn run(bytes: &[u8]) {
         preset: "lite",
         camera: None,
         calibration: None,
-        selection: Selection {
-            streams: Streams::DISPARITIES,
-            every_frames: 1,
-            region: None,
-        },
+        selection: Selection::whole(Streams::DISPARITIES),
         is_started: true,
         clock: now_us,
         gap_us: 10_000,

@@ -12,12 +12,8 @@ use crate::rig::Rig;
 use crate::serial::SerialPort;
 use crate::watchdog::Iwdg;
 
-/// What is sent until the host asks for something else.
-const SELECTION: Selection = Selection {
-    streams: Streams::DISPARITIES,
-    every_frames: 1,
-    region: None,
-};
+/// Streams that a board sends from its start, until the host selects others.
+const SELECTION: Selection = Selection::whole(Streams::DISPARITIES);
 
 /// A board's link to the host.
 pub struct Link {
