@@ -22,7 +22,7 @@ pub struct Checks {
     pub output: Output,
 }
 
-/// What the speckle removal takes for a speckle.
+/// Bounds of a speckle: a region of the map that is so small is rejected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SpeckleChecks {

@@ -15,8 +15,8 @@ const PATIENCE: Duration = Duration::from_millis(5);
 /// Bytes that are taken from the line, or from a host, at once: what a pipe holds on Linux.
 const CHUNK_BYTES: usize = 1 << 16;
 
-/// What a bridge does to the bytes of a board on purpose, so that a host can show that it stands it. The
-/// bytes that are sent to hosts are counted from 1.
+/// Damage that a bridge does to a board's bytes on purpose, to test hosts: the places of the damaged bytes
+/// among those that are sent to hosts, counted from 1.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Damage {
     /// Bytes that are left out.
@@ -39,7 +39,7 @@ impl Damage {
     }
 }
 
-/// What becomes of a board at a bridge.
+/// Event of the board at a bridge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
     /// It has sent its first byte.
@@ -95,7 +95,7 @@ impl Bridge {
         self.address
     }
 
-    /// Waits for what becomes of the board next, for at most `longest`; `None` if nothing does.
+    /// Waits for the next event of the board, for at most `longest`; `None` if there is none.
     #[must_use]
     pub fn next_event(&self, longest: Duration) -> Option<Event> {
         match self.events.recv_timeout(longest) {

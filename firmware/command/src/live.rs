@@ -19,12 +19,12 @@ use crate::pair::Pair;
 /// The longest time from the start of a board to its first byte.
 const LONGEST_START: Duration = Duration::from_secs(120);
 
-/// Where the link of a board is served, and what is done to it.
+/// The service of a board's link: its address, and damage on purpose.
 #[derive(Debug, Clone)]
 pub struct Link {
     /// The address to listen at; with port 0 a port that is free.
     pub address: SocketAddr,
-    /// What is done to the bytes on purpose.
+    /// Damage that is done to the bytes on the way to hosts.
     pub damage: Damage,
 }
 

@@ -144,12 +144,6 @@ impl<C: LinePairSource> OrTestPattern<C> {
             self.offset = None;
         }
     }
-
-    /// The camera.
-    #[must_use]
-    pub fn camera(&self) -> &C {
-        &self.camera
-    }
 }
 
 impl<C: LinePairSource> ErrorType for OrTestPattern<C> {

@@ -301,12 +301,6 @@ impl<'m, C, K: Kernels, S: DisparitySink, W: Watchdog> Session<'m, C, K, S, W> {
         &mut self.camera
     }
 
-    /// Returns the size and the format of the camera's lines.
-    #[must_use]
-    pub fn geometry(&self) -> Geometry {
-        self.geometry
-    }
-
     /// Returns the matcher.
     #[must_use]
     pub fn matcher(&self) -> &Matcher<'m, K> {
