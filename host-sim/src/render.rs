@@ -111,7 +111,7 @@ fn courtyard(options: &RenderOptions, margin_widths: f64) -> (Courtyard, u32, u3
     (yard, width, height, d_max)
 }
 
-/// As [`courtyard`], with nothing in it.
+/// As [`courtyard()`], with nothing in it.
 fn bare_courtyard(options: &RenderOptions, margin_widths: f64) -> (Courtyard, u32, u32, u16) {
     let width = options.width.clamp(SIDE_MIN_PX, SIDE_MAX_PX);
     let height = options.height.clamp(SIDE_MIN_PX, SIDE_MAX_PX);
