@@ -107,7 +107,7 @@ pub struct Pictures {
 }
 
 /// A laser scan.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Scan {
     /// The first bearing, the rightmost, rad.
     pub bearing_min_rad: f32,

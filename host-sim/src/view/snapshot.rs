@@ -32,16 +32,8 @@ struct Head<'a> {
     is_whole: bool,
     /// Of the left and the right view, of what is shown of them.
     focus: Option<[f64; 2]>,
-    scan: Option<ScanFields<'a>>,
+    scan: Option<&'a Scan>,
     planes: Vec<PlaneHead>,
-}
-
-#[derive(Serialize)]
-struct ScanFields<'a> {
-    bearing_min_rad: f32,
-    bearing_step_rad: f32,
-    range_max_mm: u16,
-    ranges_mm: &'a [u16],
 }
 
 #[derive(Serialize)]
@@ -170,12 +162,7 @@ pub fn encode(frame: &Frame, camera: Option<&RectifiedCamera>, show: &Show) -> V
         region: frame.begun.region,
         is_whole: frame.is_whole(),
         focus: figures,
-        scan: scan.map(|scan| ScanFields {
-            bearing_min_rad: scan.bearing_min_rad,
-            bearing_step_rad: scan.bearing_step_rad,
-            range_max_mm: scan.range_max_mm,
-            ranges_mm: &scan.ranges_mm,
-        }),
+        scan,
         planes: planes.heads,
     };
     // The head states places in the message, and its own length decides on them: there is room for
