@@ -10,7 +10,8 @@
 //! [`mod@frame`] matches whole frames with the kernels of `vgstereo-kernels`, and [`pair_check`]
 //! tells what is wrong with a pair. [`metrics`] measures disparities against ground truth,
 //! [`pictures`] shows them, [`published`] has results to compare with, and [`prepared`] joins a
-//! scene with its matching and measuring. [`mod@view`] shows what a board sends. [`arguments`], [`cameras`], [`tables`] and [`terminal`]
+//! scene with its matching and measuring. [`mod@link`] is the host's end of a board's link, and
+//! [`mod@view`] shows what comes over it. [`arguments`], [`cameras`], [`tables`] and [`terminal`]
 //! serve the [`commands`] of `vgstereo`.
 
 pub mod arguments;
@@ -27,6 +28,7 @@ pub mod files;
 pub mod frame;
 pub mod images;
 pub mod line_offset;
+pub mod link;
 pub mod metrics;
 pub mod pair_check;
 pub mod pair_files;

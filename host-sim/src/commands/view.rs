@@ -12,11 +12,11 @@ use vgstereo_core::geometry::{Rectification, RectifiedCamera};
 
 use crate::arguments::RectifiedViews;
 use crate::cameras::Cameras;
+use crate::link::source::{Source, serial_ports};
 use crate::terminal::{note, write_output};
 use crate::view::hub::Hub;
 use crate::view::reader::Reader;
 use crate::view::server;
-use crate::view::source::{Source, serial_ports};
 
 /// The arguments of `vgstereo view`.
 #[derive(Debug, Args)]

@@ -7,24 +7,16 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use vgstereo_core::geometry::RectifiedCamera;
-use vgstereo_link::{
-    BoardMessage, DELIMITER, Decoder, Encoder, HostMessage, Parameters, PixelFormat, Selection,
-    Streams, memory_bytes,
-};
+use vgstereo_link::{HostMessage, Parameters, Selection, Streams};
 
-use super::board::{Board, Change, Frame};
 use super::hub::Hub;
 use super::request::{Command, Show};
 use super::snapshot;
-use super::source::{Port, Received, Source};
 use super::status::{CameraStatus, CommandStatus, PacketCounts, SourceKind, SourceStatus, Status};
+use crate::link::board::{Board, Change, Frame, outcome_name};
+use crate::link::client::{Client, Memory};
+use crate::link::source::{Port, Received, Source};
 
-/// Memory of the decoder: for pairs of lines as wide as there are.
-const DECODER_BYTES: usize = memory_bytes(u16::MAX, PixelFormat::Rgb888, Streams::RAW);
-/// Memory of the encoder.
-const ENCODER_BYTES: usize = memory_bytes(0, PixelFormat::Grey8, Streams::NONE);
-/// Bytes that are read at once.
-const READ_BYTES: usize = 1 << 16;
 /// Time between two messages of status at least, but for those that tell of a lost source.
 const STATUS_PERIOD: Duration = Duration::from_millis(100);
 /// For how long a board may take to answer a command.
@@ -66,11 +58,9 @@ struct Sent {
     at: Instant,
 }
 
-/// An open source with an encoder for it.
-struct Connection<'c> {
-    port: &'c mut Port,
-    encoder: Encoder<'c>,
-    started: Instant,
+/// A connection to a board.
+struct Connection<'m> {
+    client: Client<'m>,
     /// What was asked of the board.
     selected: Option<Streams>,
     /// When the board was last asked for its hello, and whether more than once.
@@ -116,10 +106,11 @@ impl Reader {
     pub fn run(mut self, source: &Source, port: Port) {
         let mut port = Some(port);
         loop {
-            if let Some(mut open) = port.take() {
+            if let Some(open) = port.take() {
                 self.tell(SourceKind::Connected, None);
-                let reason = self.serve(&mut open);
-                if open.is_recording {
+                let is_recording = open.is_recording;
+                let reason = self.serve(open);
+                if is_recording {
                     self.tell(SourceKind::Ended, None);
                 } else {
                     self.board.disconnect();
@@ -161,38 +152,36 @@ impl Reader {
     }
 
     /// Reads an open source to its end, and returns why it has ended.
-    fn serve(&mut self, port: &mut Port) -> String {
-        let (mut memory, mut encoder) = (vec![0; DECODER_BYTES], vec![0; ENCODER_BYTES]);
-        let mut decoder = Decoder::new(&mut memory);
-        let now = Instant::now();
+    fn serve(&mut self, port: Port) -> String {
+        let mut memory = Memory::default();
+        let client = match Client::new(port, &mut memory) {
+            Ok(client) => client,
+            Err(error) => return error.to_string(),
+        };
         let mut connection = Connection {
-            port,
-            encoder: Encoder::new(&mut encoder),
-            started: now,
+            client,
             selected: None,
-            greeted: now,
+            greeted: Instant::now(),
             is_late: false,
             failure: None,
         };
         self.packets = PacketCounts::default();
-        connection.write(&[DELIMITER]);
         self.send(&mut connection, "hello", &HostMessage::SendHello);
         self.set_up(&mut connection);
-        let mut buffer = vec![0; READ_BYTES];
         loop {
-            match connection.port.read(&mut buffer) {
+            match connection.client.read() {
                 Received::Bytes(count) => {
                     self.packets.bytes += count as u64;
-                    self.take(&mut decoder, &buffer[..count], &mut connection);
+                    self.take(&mut connection);
                     self.is_changed = true;
                 }
                 Received::Nothing => {}
                 Received::Ended(reason) => return reason,
             }
-            self.packets.counters = decoder.counters();
+            self.packets.counters = connection.client.counters();
             while let Ok(command) = self.requests.try_recv() {
                 if command == Command::ResetCounters {
-                    decoder.reset_counters();
+                    connection.client.reset_counters();
                     self.packets = PacketCounts::default();
                     self.board.frames = Default::default();
                 }
@@ -213,21 +202,22 @@ impl Reader {
         }
     }
 
-    /// Takes the packets of these bytes.
-    fn take(&mut self, decoder: &mut Decoder<'_>, bytes: &[u8], connection: &mut Connection<'_>) {
-        let mut rest = bytes;
-        while let Some(received) = decoder.next::<BoardMessage<'_>>(&mut rest) {
+    /// Takes the packets of the bytes that were read.
+    fn take(&mut self, connection: &mut Connection<'_>) {
+        while let Some(received) = connection.client.next_packet() {
             let Ok(packet) = received else { continue };
-            if let Some(pace) = &mut connection.port.pace {
-                let delay = pace.delay(Instant::now(), packet.timestamp_us);
+            let (sequence, sent_us) = (packet.sequence, packet.timestamp_us);
+            let change = self.board.take(&packet);
+            if let Some(pace) = connection.client.pace() {
+                let delay = pace.delay(Instant::now(), sent_us);
                 if !delay.is_zero() {
                     self.publish();
                     thread::sleep(delay);
                 }
             }
-            match self.board.take(&packet) {
+            match change {
                 // A board that has just started knows nothing of what was asked before.
-                Some(Change::Introduced) if packet.sequence == 0 || connection.is_late => {
+                Some(Change::Introduced) if sequence == 0 || connection.is_late => {
                     connection.is_late = false;
                     connection.selected = None;
                     self.set_up(connection);
@@ -241,11 +231,11 @@ impl Reader {
                     let sent = self.commands.iter_mut().map(|sent| &mut sent.status);
                     let mut sent = sent.filter(|status| status.sequence == Some(sequence));
                     if let Some(status) = sent.next() {
-                        status.outcome = Some(outcome);
+                        status.outcome = Some(outcome_name(outcome));
                     }
                 }
             }
-            self.packets.counters = decoder.counters();
+            self.packets.counters = connection.client.counters();
             self.is_changed = true;
         }
     }
@@ -295,23 +285,15 @@ impl Reader {
 
     /// Sends a command, and keeps it until it is answered.
     fn send(&mut self, connection: &mut Connection<'_>, name: &str, message: &HostMessage<'_>) {
-        if connection.port.is_recording {
-            // Only what someone has asked for is worth a word.
-            return;
+        match connection.client.send(message) {
+            // To a recording: only what someone has asked for is worth a word.
+            Ok(None) => {}
+            Ok(sequence) => self.keep(name.to_owned(), sequence, None),
+            Err(error) => {
+                connection.failure = Some(error.to_string());
+                self.keep(name.to_owned(), None, Some("not sent"));
+            }
         }
-        let sequence = connection.encoder.sequence();
-        let time_us = u64::try_from(connection.started.elapsed().as_micros()).unwrap_or(u64::MAX);
-        let outcome = match connection.encoder.encode(time_us, message) {
-            Ok(bytes) => match connection.port.write(bytes) {
-                Ok(()) => None,
-                Err(error) => {
-                    connection.failure = Some(error.to_string());
-                    Some("not sent")
-                }
-            },
-            Err(_) => Some("not sent"),
-        };
-        self.keep(name.to_owned(), Some(sequence), outcome);
     }
 
     fn keep(&mut self, name: String, sequence: Option<u32>, outcome: Option<&'static str>) {
@@ -394,14 +376,6 @@ impl Reader {
         }
         self.published = Some(Instant::now());
         self.is_changed = false;
-    }
-}
-
-impl Connection<'_> {
-    fn write(&mut self, bytes: &[u8]) {
-        if let Err(error) = self.port.write(bytes) {
-            self.failure = Some(error.to_string());
-        }
     }
 }
 

@@ -10,10 +10,10 @@ use vgstereo_core::{DisparityLine, Kernels, Portable};
 use vgstereo_firmware::camera::PixelFormat;
 use vgstereo_link::Region;
 
-use super::board::{Frame, Pictures, Scan};
 use super::focus::focus;
-use super::plane::Plane;
 use super::request::{Show, Shown};
+use crate::link::board::{Frame, Pictures, Scan};
+use crate::link::plane::Plane;
 
 /// Every plane begins at a multiple of so many bytes.
 const ALIGNMENT_BYTES: usize = 8;

@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 
 use vgstereo_link::board::Outcome;
 use vgstereo_link::{BoardMessage, Decoder, Encoder, HostMessage, Parameters, Selection, Streams};
+use vgstereo_sim::link::source::Source;
 use vgstereo_sim::view::reader::Reader;
-use vgstereo_sim::view::source::Source;
 
 use crate::fixture::{Client, Served, WAIT, encoded, frame_messages, hello};
 

@@ -130,8 +130,8 @@ pub enum Change {
     Answered {
         /// Sequence number of the command.
         sequence: u32,
-        /// The outcome, in words.
-        outcome: &'static str,
+        /// The outcome.
+        outcome: Outcome,
     },
 }
 
@@ -224,7 +224,7 @@ impl Board {
             BoardMessage::Answer { sequence, outcome } => {
                 return Some(Change::Answered {
                     sequence: *sequence,
-                    outcome: outcome_name(*outcome),
+                    outcome: *outcome,
                 });
             }
             BoardMessage::Camera(camera) => self.camera = Some(*camera),
@@ -425,7 +425,8 @@ fn level_name(level: Level) -> &'static str {
 }
 
 /// The outcome of a command, in words.
-fn outcome_name(outcome: Outcome) -> &'static str {
+#[must_use]
+pub fn outcome_name(outcome: Outcome) -> &'static str {
     match outcome {
         Outcome::Done => "done",
         Outcome::Refused => "refused",

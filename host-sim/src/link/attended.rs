@@ -1,0 +1,221 @@
+//! A board that is asked for something and waited for.
+
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail, ensure};
+use vgstereo_link::HostMessage;
+use vgstereo_link::board::Outcome;
+
+use super::board::{Board, Change, Frame, outcome_name};
+use super::client::{Client, Memory};
+use super::source::{Received, Source};
+
+/// For how long an answer is waited for, unless [`Attended::patience`] is changed. A board takes
+/// commands between frames, of which a slow one has one in some seconds.
+const PATIENCE: Duration = Duration::from_secs(30);
+/// For how long a hello is waited for before it is asked for once more: what a board has heard while
+/// it started may be lost.
+const HELLO_WAIT: Duration = Duration::from_secs(2);
+
+/// A board with all that it has told. Frames that come while an answer is waited for are kept.
+#[derive(Debug)]
+pub struct Attended<'m> {
+    client: Client<'m>,
+    name: String,
+    /// What the board has told.
+    pub board: Board,
+    /// For how long an answer is waited for.
+    pub patience: Duration,
+    frames: VecDeque<Box<Frame>>,
+    answers: VecDeque<(u32, Outcome)>,
+    end: Option<String>,
+}
+
+impl<'m> Attended<'m> {
+    /// Opens a source. A board is asked for its hello, and waited for until it has introduced itself;
+    /// of a recording nothing is read yet.
+    ///
+    /// # Errors
+    /// Fails with one line that names the source and the reason.
+    pub fn open(source: &Source, memory: &'m mut Memory) -> Result<Self> {
+        let name = source.name();
+        let client = Client::new(source.open()?, memory).with_context(|| name.clone())?;
+        let mut attended = Self {
+            client,
+            name,
+            board: Board::default(),
+            patience: PATIENCE,
+            frames: VecDeque::new(),
+            answers: VecDeque::new(),
+            end: None,
+        };
+        if !attended.client.is_recording() {
+            attended.greet()?;
+        }
+        Ok(attended)
+    }
+
+    /// The connection.
+    #[must_use]
+    pub fn client(&self) -> &Client<'m> {
+        &self.client
+    }
+
+    /// The next frame that has ended, of which lines may be missing; `None` when a recording is at its
+    /// end.
+    ///
+    /// # Errors
+    /// Fails when the board is lost.
+    pub fn frame(&mut self) -> Result<Option<Box<Frame>>> {
+        loop {
+            if let Some(frame) = self.frames.pop_front() {
+                return Ok(Some(frame));
+            }
+            if self.end.is_some() && self.client.is_recording() {
+                return Ok(None);
+            }
+            self.read()?;
+        }
+    }
+
+    /// Forgets the frames that have come and were not taken.
+    pub fn drop_frames(&mut self) {
+        self.frames.clear();
+    }
+
+    /// Sends a command and waits until the board has carried it out. `what` names it in errors.
+    ///
+    /// # Errors
+    /// Fails with one line when the board refuses it, does not answer in time, or is lost, or when it is
+    /// a recording.
+    pub fn command(&mut self, what: &str, message: &HostMessage<'_>) -> Result<()> {
+        let sent = self.client.send(message);
+        let sent = sent.with_context(|| format!("{}: {what}", self.name))?;
+        let sequence = sent.with_context(|| format!("{} takes no commands", self.name))?;
+        let asked = Instant::now();
+        while asked.elapsed() < self.patience {
+            while let Some((answered, outcome)) = self.answers.pop_front() {
+                if answered == sequence {
+                    let (name, words) = (&self.name, outcome_name(outcome));
+                    ensure!(outcome == Outcome::Done, "{name}: {what}: {words}");
+                    return Ok(());
+                }
+            }
+            self.read()?;
+        }
+        bail!(
+            "{}: {what}: no answer in {} s",
+            self.name,
+            self.patience.as_secs()
+        )
+    }
+
+    fn greet(&mut self) -> Result<()> {
+        let begun = Instant::now();
+        let mut asked: Option<Instant> = None;
+        while self.board.hello.is_none() {
+            if asked.is_none_or(|asked| asked.elapsed() > HELLO_WAIT) {
+                let sent = self.client.send(&HostMessage::SendHello);
+                sent.with_context(|| self.name.clone())?;
+                asked = Some(Instant::now());
+            }
+            ensure!(
+                begun.elapsed() < self.patience,
+                "{}: nothing that speaks the link has answered in {} s",
+                self.name,
+                self.patience.as_secs()
+            );
+            self.read()?;
+        }
+        Ok(())
+    }
+
+    /// Reads once, and takes the packets that have come.
+    fn read(&mut self) -> Result<()> {
+        match self.client.read() {
+            Received::Bytes(_) => {}
+            Received::Nothing => return Ok(()),
+            Received::Ended(reason) => {
+                ensure!(self.client.is_recording(), "{}: {reason}", self.name);
+                self.end = Some(reason);
+            }
+        }
+        while let Some(received) = self.client.next_packet() {
+            let Ok(packet) = received else { continue };
+            match self.board.take(&packet) {
+                Some(Change::Ended(frame)) => self.frames.push_back(frame),
+                Some(Change::Answered { sequence, outcome }) => {
+                    self.answers.push_back((sequence, outcome));
+                }
+                Some(Change::Introduced) | None => {}
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use vgstereo_link::{Selection, Streams};
+
+    use super::*;
+
+    #[test]
+    fn a_board_is_asked_and_its_frames_are_those_that_were_asked_for() {
+        let mut memory = Memory::default();
+        let mut board = Attended::open(&Source::Demo, &mut memory).unwrap();
+        let hello = board.board.hello.as_ref().unwrap();
+        let width = usize::from(hello.raw.width_px);
+        let height = hello.raw.height_lines as usize;
+        for (what, message) in [
+            ("stop", HostMessage::Stop),
+            (
+                "select",
+                HostMessage::Select(Selection::whole(Streams::RAW)),
+            ),
+            ("start", HostMessage::Start),
+        ] {
+            board.command(what, &message).unwrap();
+        }
+        // One may have begun before.
+        board.drop_frames();
+        let frame = board.frame().unwrap().unwrap();
+        let views = &frame.raw.as_ref().unwrap().views;
+        assert!(frame.is_whole() && frame.disparities.is_none());
+        assert_eq!((views[0].width, views[0].height()), (width, height));
+    }
+
+    #[test]
+    fn a_command_that_is_refused_is_an_error_that_says_why() {
+        let mut memory = Memory::default();
+        let mut board = Attended::open(&Source::Demo, &mut memory).unwrap();
+        let none = Selection {
+            every_frames: 0,
+            ..Selection::whole(Streams::RAW)
+        };
+        let error = board
+            .command("select", &HostMessage::Select(none))
+            .unwrap_err();
+        assert_eq!(error.to_string(), "demo: select: out of bounds");
+    }
+
+    #[test]
+    fn a_recording_ends_and_takes_no_commands() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("empty.bin");
+        std::fs::write(&path, [0; 3]).unwrap();
+        let source = Source::File {
+            path: path.clone(),
+            is_fast: true,
+        };
+        let mut memory = Memory::default();
+        let mut recording = Attended::open(&source, &mut memory).unwrap();
+        assert_eq!(recording.frame().unwrap(), None);
+        let error = recording.command("start", &HostMessage::Start).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            format!("{} takes no commands", path.display())
+        );
+    }
+}
