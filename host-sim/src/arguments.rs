@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use vgstereo_core::geometry::{Interpolation, RectifiedCamera, ScanConfig};
 use vgstereo_core::{Output, Parameters, Preset};
@@ -10,6 +10,7 @@ use vgstereo_core::{Output, Parameters, Preset};
 use crate::calibration::{Keep, Options, parse_unit, projections};
 use crate::escapes::shown;
 use crate::files::{TEXT_BYTES_MAX, read_file};
+use crate::link::source::{Source, serial_ports};
 use crate::parameters::{with_file, with_setting};
 
 /// Options that replace parameters of a preset. A later field overrides an earlier one.
@@ -152,6 +153,49 @@ impl RectifiedViews {
             binned: self.binned,
             interpolation: self.interpolation.into(),
         })
+    }
+}
+
+/// Options that name the board whose link a command speaks, or recorded bytes of one.
+#[derive(Debug, Clone, Args)]
+pub struct SourceOptions {
+    /// Serial port, HOST:PORT, or file of recorded bytes of the link.
+    source: Option<String>,
+    /// A board in this process, which looks at the built-in scene.
+    #[arg(long, conflicts_with = "source")]
+    demo: bool,
+    /// Emulated board, which `cargo firmware live` builds and starts.
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["source", "demo"])]
+    board: Option<String>,
+    /// Speed of a serial port, bits per second.
+    #[arg(long, value_name = "N", default_value_t = 2_000_000)]
+    baud: u32,
+}
+
+impl SourceOptions {
+    /// Returns the source that is meant. `is_fast` says whether a recording is read as fast as can be,
+    /// rather than at the pace of its packets.
+    ///
+    /// # Errors
+    /// Fails with one line when none is named, which lists the serial ports that there are, or with one
+    /// that names what is no source.
+    pub fn source(&self, is_fast: bool) -> Result<Source> {
+        if self.demo {
+            return Ok(Source::Demo);
+        }
+        if let Some(name) = &self.board {
+            return Ok(Source::Board(name.clone()));
+        }
+        let Some(name) = &self.source else {
+            let ports = serial_ports();
+            let found = if ports.is_empty() {
+                "no serial port was found".to_owned()
+            } else {
+                format!("serial ports found: {}", ports.join(", "))
+            };
+            bail!("name a serial port, HOST:PORT or a file, or give --demo; {found}");
+        };
+        Source::parse(name, self.baud, is_fast)
     }
 }
 

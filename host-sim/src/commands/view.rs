@@ -5,14 +5,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use clap::Args;
 use vgstereo_core::Reference;
 use vgstereo_core::geometry::{Rectification, RectifiedCamera};
 
-use crate::arguments::RectifiedViews;
+use crate::arguments::{RectifiedViews, SourceOptions};
 use crate::cameras::Cameras;
-use crate::link::source::{Source, serial_ports};
 use crate::terminal::{note, write_output};
 use crate::view::hub::Hub;
 use crate::view::reader::Reader;
@@ -28,17 +27,8 @@ use crate::view::server;
     No board at all:   vgstereo view --demo"
 )]
 pub struct View {
-    /// Serial port, HOST:PORT, or file of recorded bytes of the link.
-    source: Option<String>,
-    /// A board in this process, which looks at the built-in scene.
-    #[arg(long, conflicts_with = "source")]
-    demo: bool,
-    /// Emulated board, which `cargo firmware live` builds and starts.
-    #[arg(long, value_name = "NAME", conflicts_with_all = ["source", "demo"])]
-    board: Option<String>,
-    /// Speed of a serial port, bits per second.
-    #[arg(long, value_name = "N", default_value_t = 2_000_000)]
-    baud: u32,
+    #[command(flatten)]
+    source: SourceOptions,
     /// Read a file as fast as can be, rather than at the pace that its bytes were sent at.
     #[arg(long)]
     fast: bool,
@@ -59,7 +49,7 @@ impl View {
     /// # Errors
     /// Fails with one line that names the option or source and the reason.
     pub fn run(self) -> Result<String> {
-        let source = self.source()?;
+        let source = self.source.source(self.fast)?;
         let calibrated = self.camera()?;
         let listener = server::listen(self.listen)?;
         let port = source.open()?;
@@ -72,25 +62,6 @@ impl View {
         write_output(format!("view http://{}/\n", listener.local_addr()?).as_bytes())?;
         server::serve(listener, hub)?;
         Ok(String::new())
-    }
-
-    fn source(&self) -> Result<Source> {
-        if self.demo {
-            return Ok(Source::Demo);
-        }
-        if let Some(name) = &self.board {
-            return Ok(Source::Board(name.clone()));
-        }
-        let Some(name) = &self.source else {
-            let ports = serial_ports();
-            let found = if ports.is_empty() {
-                "no serial port was found".to_owned()
-            } else {
-                format!("serial ports found: {}", ports.join(", "))
-            };
-            bail!("name a serial port, HOST:PORT or a file, or give --demo; {found}");
-        };
-        Source::parse(name, self.baud, self.fast)
     }
 
     /// The camera of `--calibration`.
