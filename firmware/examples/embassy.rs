@@ -116,7 +116,6 @@ async fn stereo(mut lines: Receiver<'static, Mutex, Delivery>) {
         firmware: env!("CARGO_PKG_VERSION"),
         preset: Preset::Lite.name(),
         camera: None,
-        calibration: None,
         selection: Selection::whole(Streams::DISPARITIES),
         is_started: true,
         clock: now_us,

@@ -17,6 +17,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod calibration;
 pub mod camera;
 pub mod fault;
 #[cfg(feature = "link")]

@@ -62,7 +62,7 @@ const CRATES: [Layers; 6] = [
         sources: "firmware/src",
         rooms: &[
             &["camera", "watchdog"],
-            &["fault", "sensors"],
+            &["fault", "sensors", "calibration"],
             &["sink"],
             &["session"],
             &["scripted"],

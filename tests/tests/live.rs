@@ -19,9 +19,13 @@ use vgstereo_boards::pair::Pair;
 use vgstereo_boards::toolchain;
 use vgstereo_core::Preset;
 use vgstereo_link::board::Outcome;
+use vgstereo_link::host::CalibrationPiece;
 use vgstereo_link::{
     BoardMessage, Counters, Decoder, Encoder, HostMessage, PixelFormat, Region, Selection, Streams,
 };
+use vgstereo_sim::link::attended::Attended;
+use vgstereo_sim::link::client::Memory;
+use vgstereo_sim::link::source::Source;
 
 const WIDTH: usize = 64;
 const HEIGHT: usize = 40;
@@ -41,6 +45,11 @@ fn main() {
         let absent = toolchain::ensure_complete(&[board]).is_err();
         let name = format!("{}::link", board.name);
         let trial = Trial::test(name, move || serves_the_link(&board));
+        trials.push(trial.with_ignored_flag(absent));
+        let name = format!("{}::calibration", board.name);
+        let trial = Trial::test(name, move || {
+            takes_a_calibration(&board).map_err(|error| text(error).into())
+        });
         trials.push(trial.with_ignored_flag(absent));
     }
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
@@ -382,4 +391,111 @@ fn stops_and_starts(client: &mut Client) {
 
 fn text(error: anyhow::Error) -> Failed {
     format!("{error:#}").into()
+}
+
+/// Sends a calibration in pieces of so many bytes, and the number that it should end with.
+fn send_calibration(
+    board: &mut Attended<'_>,
+    calibration: &[u8],
+    piece_bytes: usize,
+    crc32: u32,
+) -> anyhow::Result<()> {
+    let total_bytes = u32::try_from(calibration.len())?;
+    for (number, bytes) in calibration.chunks(piece_bytes).enumerate() {
+        let piece = CalibrationPiece {
+            total_bytes,
+            crc32,
+            offset_bytes: u32::try_from(number * piece_bytes)?,
+            bytes,
+        };
+        board.command("piece", &HostMessage::CalibrationPiece(piece))?;
+    }
+    board.command(
+        "commit",
+        &HostMessage::CalibrationCommit { total_bytes, crc32 },
+    )
+}
+
+/// A board that sees what two crooked cameras see gets their calibration over the link, and then sends what
+/// the host makes of them with it; then another one, in the same way.
+fn takes_a_calibration(board: &Board) -> anyhow::Result<()> {
+    let firmware = build(board)?;
+    let pair = Pair::crooked(WIDTH as u16, HEIGHT as u16, 16, true)?;
+    let uncalibrated = Pair {
+        rectification: None,
+        camera: None,
+        ..pair.clone()
+    };
+    let request = uncalibrated.live_request(Preset::Lite, &[])?;
+    let link = Link {
+        address: "127.0.0.1:0".parse()?,
+        damage: Damage::default(),
+    };
+    let mut live = LiveBoard::emulated(board, &firmware, &[uncalibrated], &request, link)?;
+    let calibrated = calibrates(&pair, &live.address().to_string());
+    // Whatever was missed: the board's own reason is the better one.
+    live.wait(Duration::ZERO)?;
+    calibrated
+}
+
+/// Calibrates the board at this address, which sees this pair.
+fn calibrates(pair: &Pair, address: &str) -> anyhow::Result<()> {
+    let source = Source::Tcp(address.to_owned());
+    let mut memory = Memory::default();
+    let mut host = Attended::open(&source, &mut memory)?;
+    host.patience = LONG;
+    let hello = |host: &Attended<'_>, field: &str| {
+        let hello = host.board.hello.as_ref().unwrap();
+        hello.fields[field].as_u64()
+    };
+    assert_eq!(hello(&host, "calibration_crc32"), None);
+    let piece_bytes = hello(&host, "piece_bytes_max").unwrap() as usize;
+
+    // Damaged, or for other cameras: refused, and the board goes on as it was.
+    let bytes = pair.rectification.as_deref().unwrap();
+    let crc32_of = |bytes: &[u8]| u32::from_le_bytes(*bytes.last_chunk().unwrap());
+    let other = Pair::crooked(WIDTH as u16, HEIGHT as u16 + 1, 16, true)?;
+    let other = other.rectification.unwrap();
+    let mut damaged = bytes.to_vec();
+    damaged[100] ^= 1;
+    for wrong in [&other, &damaged] {
+        let refused = send_calibration(&mut host, wrong, piece_bytes, crc32_of(wrong));
+        let refused = refused.unwrap_err().to_string();
+        assert!(
+            refused.ends_with("commit: the calibration is unfit"),
+            "{refused}"
+        );
+    }
+    let refused = send_calibration(&mut host, bytes, piece_bytes, crc32_of(bytes) ^ 1);
+    assert!(refused.is_err(), "the number at its end is another");
+    host.command("hello", &HostMessage::SendHello)?;
+    assert_eq!(hello(&host, "calibration_crc32"), None);
+
+    // The same views by another calibration.
+    let second = Pair::crooked(WIDTH as u16, HEIGHT as u16, 16, false)?;
+    for pair in [pair, &second] {
+        let bytes = pair.rectification.as_deref().unwrap();
+        send_calibration(&mut host, bytes, piece_bytes, crc32_of(bytes))?;
+        // The board has begun anew, and may have sent the first lines of a frame before that.
+        while hello(&host, "calibration_crc32") != Some(crc32_of(bytes).into()) {
+            host.frame()?;
+        }
+        let streams = DISPARITIES.streams.with(Streams::RECTIFIED);
+        let streams = streams.with(Streams::DEPTHS);
+        let selection = HostMessage::Select(Selection::whole(streams));
+        host.command("select", &selection)?;
+        host.drop_frames();
+        let frame = host.frame()?.unwrap();
+        let (expected, _) = host::run(pair, &pair.request(Preset::Lite, 1, &[])?)?;
+        assert!(frame.is_whole());
+        let disparities = frame.disparities.as_ref().unwrap();
+        assert!(disparities.values == expected.disparities_q4());
+        let confidences = frame.confidences.as_ref().unwrap();
+        assert!(confidences.values == expected.confidences);
+        let depth = pair.camera.unwrap().0.depth();
+        let depths_mm: Vec<u16> = disparities.values.iter().map(|&q4| depth.mm(q4)).collect();
+        assert!(frame.depths.as_ref().unwrap().values == depths_mm);
+        assert!(frame.rectified.is_some());
+    }
+    Ok(())
 }

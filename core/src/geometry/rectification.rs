@@ -283,6 +283,17 @@ impl<'a> Rectification<'a> {
         })
     }
 
+    /// The CRC-32 that ends its bytes, of all before it: what tells it from others. That of all bytes is
+    /// the same for each.
+    #[must_use]
+    pub const fn crc32(&self) -> u32 {
+        match self.bytes.last_chunk::<CHECKSUM_BYTES>() {
+            Some(stated) => u32::from_le_bytes(*stated),
+            // It was read, so that there are bytes.
+            None => 0,
+        }
+    }
+
     /// The bytes that it was read from, all of which belong to it.
     #[must_use]
     pub const fn bytes(&self) -> &'a [u8] {

@@ -8,8 +8,8 @@ use vgstereo_firmware::scripted::Rewind;
 /// A camera that reads each pair of lines from a file when it is asked for it, so that no more than
 /// one pair is in memory. Frames are numbered from 0; those of the file come in turn.
 #[derive(Debug)]
-pub struct FileCamera {
-    lines: File,
+pub struct FileCamera<'f> {
+    lines: &'f File,
     geometry: Geometry,
     /// Time of a pair, µs.
     clock: fn() -> u64,
@@ -19,11 +19,11 @@ pub struct FileCamera {
     line: u32,
 }
 
-impl FileCamera {
+impl<'f> FileCamera<'f> {
     /// Creates a camera over an open [`LINES_FILE`](crate::LINES_FILE). `clock` gives the time of a
     /// pair, µs.
     #[must_use]
-    pub fn new(mut lines: File, geometry: Geometry, clock: fn() -> u64) -> Self {
+    pub fn new(mut lines: &'f File, geometry: Geometry, clock: fn() -> u64) -> Self {
         // A file without an end cannot be read either, which is told with the first line.
         let length = lines.seek(SeekFrom::End(0)).unwrap_or(0);
         let frames = length.checked_div(frame_bytes(&geometry)).unwrap_or(0);
@@ -59,11 +59,11 @@ pub(crate) fn read_exactly(mut file: &File, mut bytes: &mut [u8]) -> Result<(), 
     Ok(())
 }
 
-impl ErrorType for FileCamera {
+impl ErrorType for FileCamera<'_> {
     type Error = ErrorKind;
 }
 
-impl LinePairSource for FileCamera {
+impl LinePairSource for FileCamera<'_> {
     fn geometry(&self) -> Geometry {
         self.geometry
     }
@@ -91,13 +91,13 @@ impl LinePairSource for FileCamera {
         let start = start + u64::from(pair.line) * 2 * line_bytes as u64;
         let at_line = self.lines.seek(SeekFrom::Start(start));
         at_line.map_err(|_| ErrorKind::Bus)?;
-        read_exactly(&self.lines, left)?;
-        read_exactly(&self.lines, right)?;
+        read_exactly(self.lines, left)?;
+        read_exactly(self.lines, right)?;
         Ok(pair)
     }
 }
 
-impl Rewind for FileCamera {
+impl Rewind for FileCamera<'_> {
     fn rewind(&mut self, pairs: u32) {
         for _ in 0..pairs {
             self.line = self.line.checked_sub(1).unwrap_or_else(|| {

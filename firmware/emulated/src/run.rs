@@ -78,7 +78,8 @@ pub(crate) struct Refusal(pub(crate) &'static str);
 pub(crate) struct Memories {
     /// The session's lines.
     pub(crate) lines: &'static mut [u32],
-    /// The rectification, and the rectifier behind it.
+    /// The rectification, and the rectifier behind it. If the board is live, all that the rest leaves, for
+    /// a calibration from the host.
     pub(crate) calibration: &'static mut [u32],
     scan: &'static mut [u32],
     /// The link, if the board is live.
@@ -93,10 +94,6 @@ impl Memories {
         let (lines, memory) = memory
             .split_at_mut_checked(session::memory_words(&request.geometry))
             .ok_or(Refusal("the lines do not fit the lent memory"))?;
-        let [rectification_words, rectifier_words] = request.calibration_words();
-        let (calibration, memory) = memory
-            .split_at_mut_checked(rectification_words + rectifier_words)
-            .ok_or(Refusal("the calibration does not fit the lent memory"))?;
         let scan_words = request.scan.map_or(0, |scan| scan.words());
         let (scan, memory) = memory
             .split_at_mut_checked(scan_words)
@@ -105,7 +102,15 @@ impl Memories {
             .split_at_mut_checked(request.link_words())
             .ok_or(Refusal("the link does not fit the lent memory"))?;
         let matcher_words = request.config().memory_words();
-        let (matcher, packet) = memory.split_at_mut(matcher_words.min(memory.len()));
+        let (matcher, memory) = memory.split_at_mut(matcher_words.min(memory.len()));
+        let [rectification_words, rectifier_words] = request.calibration_words();
+        let calibration_words = match request.is_live {
+            true => memory.len(),
+            false => rectification_words + rectifier_words,
+        };
+        let (calibration, packet) = memory
+            .split_at_mut_checked(calibration_words)
+            .ok_or(Refusal("the calibration does not fit the lent memory"))?;
         Ok(Self {
             lines,
             calibration,
@@ -145,7 +150,7 @@ fn with_files<C: Counter, K: Kernels>(
     let file_error = |_| Refusal("a file cannot be opened");
     let file = File::open(LINES_FILE).map_err(file_error)?;
     // No file has a time in it.
-    let camera = FileCamera::new(file, request.geometry, || 0);
+    let camera = FileCamera::new(&file, request.geometry, || 0);
     let camera = FaultyCamera::new(camera, &request.faults);
     let sink = FileSink::new(
         File::create(DISPARITIES_FILE).map_err(file_error)?,
@@ -192,11 +197,11 @@ fn with_files<C: Counter, K: Kernels>(
 
 /// Builds the matcher. Not inlined, so that its stack is free again while frames are matched.
 #[inline(never)]
-pub(crate) fn matcher<K: Kernels>(
+pub(crate) fn matcher<'m, K: Kernels>(
     request: &Request,
     kernels: K,
-    memory: &'static mut [u32],
-) -> Result<Matcher<'static, K>, Refusal> {
+    memory: &'m mut [u32],
+) -> Result<Matcher<'m, K>, Refusal> {
     let matcher = Matcher::new(&request.config(), kernels, memory);
     matcher.map_err(|_| Refusal("the matcher refuses the configuration"))
 }
@@ -204,7 +209,7 @@ pub(crate) fn matcher<K: Kernels>(
 /// Reads the rectification, if the request has one, into `memory`, and builds the rectifier behind it.
 /// Not inlined, so that its stack is free again while frames are matched.
 #[inline(never)]
-pub(crate) fn rectifier<K: Kernels>(
+fn rectifier<K: Kernels>(
     request: &Request,
     memory: &'static mut [u32],
     kernels: K,
@@ -219,15 +224,29 @@ pub(crate) fn rectifier<K: Kernels>(
     let bytes: &'static mut [u8] = Arena::new(bytes)
         .take(stated.bytes as usize)
         .map_err(|_| Refusal("the rectification does not fit the lent memory"))?;
-    let unreadable = Refusal("the rectification cannot be read");
+    read_calibration(bytes)?;
+    rectifier_of(bytes, request.config().colour, memory, kernels).map(Some)
+}
+
+/// Reads the file of the rectification, which has as many bytes.
+pub(crate) fn read_calibration(bytes: &mut [u8]) -> Result<(), Refusal> {
     let file = File::open(CALIBRATION_FILE).map_err(|_| Refusal("there is no rectification"))?;
-    camera::read_exactly(&file, bytes).map_err(|_| unreadable)?;
+    camera::read_exactly(&file, bytes).map_err(|_| Refusal("the rectification cannot be read"))
+}
+
+/// Builds the rectifier of these bytes. Not inlined, so that its stack is free again while frames are
+/// matched.
+#[inline(never)]
+pub(crate) fn rectifier_of<'m, K: Kernels>(
+    bytes: &'m [u8],
+    colour: bool,
+    memory: &'m mut [u32],
+    kernels: K,
+) -> Result<Rectifier<'m, 'm, K>, Refusal> {
     let rectification =
         Rectification::from_bytes(bytes).map_err(|_| Refusal("the rectification is not valid"))?;
-    let colour = request.config().colour;
     let rectifier = Rectifier::new(rectification, colour, kernels, memory);
-    let rectifier = rectifier.map_err(|_| Refusal("the rectifier does not fit the lent memory"))?;
-    Ok(Some(rectifier))
+    rectifier.map_err(|_| Refusal("the rectifier does not fit the lent memory"))
 }
 
 /// Builds the sink of the scans, if the request has one. Not inlined, so that its stack is free again

@@ -87,7 +87,7 @@ pub struct Hello<'a> {
     pub latency_lines: u32,
     /// The streams that the board can send.
     pub streams: Streams,
-    /// CRC-32 of the bytes of the calibration in use; `None` without one.
+    /// The CRC-32 that the calibration in use ends with; `None` without one.
     pub calibration_crc32: Option<u32>,
     /// Whether the board rectifies.
     pub rectifies: bool,

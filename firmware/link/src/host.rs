@@ -20,7 +20,7 @@ pub enum HostMessage<'a> {
     CalibrationCommit {
         /// Bytes of the calibration.
         total_bytes: u32,
-        /// CRC-32 of all of them.
+        /// As of its pieces.
         crc32: u32,
     },
     /// Forget the pieces that have come.
@@ -40,7 +40,7 @@ pub enum HostMessage<'a> {
 pub struct CalibrationPiece<'a> {
     /// Bytes of the whole calibration.
     pub total_bytes: u32,
-    /// CRC-32 of the whole calibration.
+    /// The CRC-32 that the whole calibration ends with, of all bytes before it.
     pub crc32: u32,
     /// Place of the piece in it.
     pub offset_bytes: u32,

@@ -17,9 +17,8 @@ pub(crate) const CHECKSUM_BYTES: usize = 4;
 /// Largest number of bytes of version, kind, sequence number and time.
 pub(crate) const HEAD_BYTES_MAX: usize = 1 + 1 + 5 + 10;
 
-/// The checksum of a packet, or of a calibration that is sent in pieces.
-#[must_use]
-pub fn checksum(bytes: &[u8]) -> u32 {
+/// The checksum of a packet.
+pub(crate) fn checksum(bytes: &[u8]) -> u32 {
     CHECKSUM.checksum(bytes)
 }
 

@@ -1,13 +1,13 @@
 //! The receiving end: the host's commands, one after the other.
 
+use vgstereo_core::geometry::Rectification;
 use vgstereo_link::board::Outcome;
 use vgstereo_link::host::CalibrationPiece;
-use vgstereo_link::packet::checksum;
 use vgstereo_link::{Decoder, HostMessage, Packet};
 
 use super::port::LinkPort;
 use super::store::{CalibrationStore, StoreError};
-use vgstereo_core::geometry::Rectification;
+use crate::calibration::Fit;
 
 /// Bytes that are taken from the port at once.
 const CHUNK_BYTES: usize = 64;
@@ -111,17 +111,20 @@ impl Upload {
         &mut self,
         total_bytes: u32,
         crc32: u32,
+        fit: &Fit,
         store: &mut impl CalibrationStore,
     ) -> Outcome {
         if store.capacity_bytes() == 0 {
             return Outcome::Unsupported;
         }
-        let is_whole = (total_bytes, crc32) == (self.total_bytes, self.crc32)
+        let has_come = (total_bytes, crc32) == (self.total_bytes, self.crc32)
             && self.next_bytes == total_bytes
-            && store.staged().len() as u64 == u64::from(total_bytes)
-            && checksum(store.staged()) == crc32;
+            && store.staged().len() as u64 == u64::from(total_bytes);
         *self = Self::default();
-        if !is_whole || Rectification::from_bytes(store.staged()).is_err() {
+        let is_fit = Rectification::from_bytes(store.staged()).is_ok_and(|rectification| {
+            rectification.crc32() == crc32 && fit.check(&rectification).is_ok()
+        });
+        if !has_come || !is_fit {
             return Outcome::Calibration;
         }
         match store.commit() {
@@ -139,7 +142,6 @@ fn outcome(error: StoreError) -> Outcome {
     match error {
         StoreError::Unsupported => Outcome::Unsupported,
         StoreError::Size => Outcome::OutOfBounds,
-        StoreError::Unfit => Outcome::Calibration,
         StoreError::Write => Outcome::Storage,
     }
 }

@@ -16,15 +16,15 @@ pub use store::{CalibrationStore, NoStore, RamStore, StoreError};
 use core::convert::Infallible;
 
 use vgstereo_core::config::{Checks, ChecksError, Output};
-use vgstereo_core::geometry::{RectifiedCamera, Rectifier};
+use vgstereo_core::geometry::{Rectification, RectifiedCamera, Rectifier};
 use vgstereo_core::rows::{Arena, OutOfMemory, words};
 use vgstereo_core::{Config, Kernels, Matcher};
 use vgstereo_link::board::{Camera, Hello, LinkCounters, Outcome, SessionCounters, View};
-use vgstereo_link::packet::checksum;
 use vgstereo_link::{
     HostMessage, Parameters, PixelFormat, Selection, Source, State, Streams, memory_bytes,
 };
 
+use crate::calibration::Fit;
 use crate::camera::{self, ErrorKind, Geometry, LinePair, LinePairSource, OrTestPattern};
 use crate::fault::Fault;
 use crate::session::{Event, Pushed, Session, SessionError, Statistics};
@@ -78,8 +78,6 @@ pub struct Setup<'m, P, T = NoStore> {
     pub preset: &'m str,
     /// The camera that the disparities are seen with, if it is known; with a rectifier, its own.
     pub camera: Option<RectifiedCamera>,
-    /// The bytes of the calibration that the rectifier is of.
-    pub calibration: Option<&'m [u8]>,
     /// What is sent until the host asks for something else.
     pub selection: Selection,
     /// Whether frames are sent before the host asks for them.
@@ -102,8 +100,8 @@ pub struct Setup<'m, P, T = NoStore> {
 pub enum Next {
     /// The pair, or its error, was dealt with: this has become of it.
     Event(Event),
-    /// The host has stored another calibration. The session is to be ended with
-    /// [`Live::into_parts`], and another one built with it.
+    /// The host has stored another calibration, and knows. The session is to be ended, and another one
+    /// built with it.
     Calibrated,
 }
 
@@ -133,6 +131,7 @@ pub struct Live<'m, C, K, P, W, T = NoStore> {
     receiver: Receiver<'m>,
     upload: Upload,
     store: T,
+    fit: Fit,
     is_calibrated: bool,
 }
 
@@ -161,7 +160,7 @@ where
         let camera = OrTestPattern::new(camera, setup.clock);
         let parts = parts(&geometry, rectifier.as_deref(), &matcher, setup)?;
         let session = Session::rectifying(camera, rectifier, matcher, parts.sink, lines, watchdog)?;
-        Ok(Self::over(session, parts.receiver, parts.store))
+        Ok(Self::over(session, parts.receiver, parts.store, parts.fit))
     }
 
     /// Reads the camera once and deals with what comes, as [`Session::step`] does, then takes commands if
@@ -193,7 +192,7 @@ where
     ) -> Result<Self, SessionError> {
         let parts = parts(&geometry, rectifier.as_deref(), &matcher, setup)?;
         let session = Session::pushed(geometry, rectifier, matcher, parts.sink, watchdog)?;
-        Ok(Self::over(session, parts.receiver, parts.store))
+        Ok(Self::over(session, parts.receiver, parts.store, parts.fit))
     }
 }
 
@@ -205,12 +204,13 @@ where
     W: Watchdog,
     T: CalibrationStore,
 {
-    fn over(session: Served<'m, C, K, P, W>, receiver: Receiver<'m>, store: T) -> Self {
+    fn over(session: Served<'m, C, K, P, W>, receiver: Receiver<'m>, store: T, fit: Fit) -> Self {
         Self {
             session,
             receiver,
             upload: Upload::default(),
             store,
+            fit,
             is_calibrated: false,
         }
     }
@@ -233,8 +233,11 @@ where
         if !self.session.is_reading() {
             self.take_commands();
         }
-        self.session.sink_mut().sender.settle();
-        self.is_calibrated.then_some(Next::Calibrated)
+        let sender = &mut self.session.sink_mut().sender;
+        sender.settle();
+        // The host is to know before the session ends.
+        let is_told = sender.owed.answer.is_none();
+        (self.is_calibrated && is_told).then_some(Next::Calibrated)
     }
 
     /// What the session has counted since it began, or since the host has set the counters to 0.
@@ -277,6 +280,7 @@ where
             receiver,
             upload,
             store,
+            fit,
             is_calibrated,
         } = self;
         loop {
@@ -295,7 +299,7 @@ where
             let outcome = match packet.message {
                 HostMessage::CalibrationPiece(piece) => upload.piece(&piece, store),
                 HostMessage::CalibrationCommit { total_bytes, crc32 } => {
-                    let outcome = upload.commit(total_bytes, crc32, store);
+                    let outcome = upload.commit(total_bytes, crc32, fit, store);
                     *is_calibrated |= outcome == Outcome::Done;
                     outcome
                 }
@@ -445,6 +449,7 @@ struct Parts<'m, P, T> {
     sink: LinkSink<'m, P>,
     receiver: Receiver<'m>,
     store: T,
+    fit: Fit,
 }
 
 fn parts<'m, K: Kernels, P: LinkPort, T: CalibrationStore>(
@@ -495,7 +500,7 @@ fn parts<'m, K: Kernels, P: LinkPort, T: CalibrationStore>(
         disparity_count: config.disparities.count,
         latency_lines: config.parameters.latency_lines(),
         streams,
-        calibration_crc32: setup.calibration.map(checksum),
+        calibration_crc32: rectification.map(Rectification::crc32),
         rectifies: rectification.is_some(),
         piece_bytes_max: if setup.store.capacity_bytes() > 0 {
             PIECE_BYTES_MAX
@@ -539,6 +544,12 @@ fn parts<'m, K: Kernels, P: LinkPort, T: CalibrationStore>(
     Ok(Parts {
         sink: LinkSink::new(sender, depth, last_line, values, levels),
         receiver,
+        fit: Fit {
+            raw: *geometry,
+            width: config.width,
+            colour: config.colour,
+            rectifier_words: setup.store.rectifier_words(),
+        },
         store: setup.store,
     })
 }

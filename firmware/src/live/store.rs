@@ -7,8 +7,6 @@ pub enum StoreError {
     Unsupported,
     /// It is larger than the store.
     Size,
-    /// It does not suit the board.
-    Unfit,
     /// It could not be written.
     Write,
 }
@@ -18,6 +16,10 @@ pub enum StoreError {
 pub trait CalibrationStore {
     /// Bytes of the largest calibration; 0 if none can be stored.
     fn capacity_bytes(&self) -> usize;
+
+    /// Words of 32 bits that the board has for a rectifier. A calibration whose rectifier takes more is
+    /// refused.
+    fn rectifier_words(&self) -> usize;
 
     /// Forgets what has come, and makes room for so many bytes.
     ///
@@ -34,10 +36,10 @@ pub trait CalibrationStore {
     /// The bytes that have come.
     fn staged(&self) -> &[u8];
 
-    /// Keeps what has come, which is a valid rectification, as the board's calibration.
+    /// Keeps what has come, which is a valid rectification that suits the board, as its calibration.
     ///
     /// # Errors
-    /// [`StoreError`] when it does not suit the board or could not be kept.
+    /// [`StoreError`] when it could not be kept.
     fn commit(&mut self) -> Result<(), StoreError>;
 }
 
@@ -47,6 +49,10 @@ pub struct NoStore;
 
 impl CalibrationStore for NoStore {
     fn capacity_bytes(&self) -> usize {
+        0
+    }
+
+    fn rectifier_words(&self) -> usize {
         0
     }
 
@@ -67,20 +73,49 @@ impl CalibrationStore for NoStore {
     }
 }
 
+/// A store that is lent.
+impl<T: CalibrationStore> CalibrationStore for &mut T {
+    fn capacity_bytes(&self) -> usize {
+        (**self).capacity_bytes()
+    }
+
+    fn rectifier_words(&self) -> usize {
+        (**self).rectifier_words()
+    }
+
+    fn begin(&mut self, total_bytes: usize) -> Result<(), StoreError> {
+        (**self).begin(total_bytes)
+    }
+
+    fn write(&mut self, offset_bytes: usize, piece: &[u8]) -> Result<(), StoreError> {
+        (**self).write(offset_bytes, piece)
+    }
+
+    fn staged(&self) -> &[u8] {
+        (**self).staged()
+    }
+
+    fn commit(&mut self) -> Result<(), StoreError> {
+        (**self).commit()
+    }
+}
+
 /// A calibration in lent memory, lost with the supply.
 #[derive(Debug)]
 pub struct RamStore<'m> {
     bytes: &'m mut [u8],
+    rectifier_words: usize,
     staged_bytes: usize,
     is_committed: bool,
 }
 
 impl<'m> RamStore<'m> {
-    /// An empty store in this memory.
+    /// An empty store in this memory, of a board that has so many words for a rectifier.
     #[must_use]
-    pub fn new(bytes: &'m mut [u8]) -> Self {
+    pub fn new(bytes: &'m mut [u8], rectifier_words: usize) -> Self {
         Self {
             bytes,
+            rectifier_words,
             staged_bytes: 0,
             is_committed: false,
         }
@@ -96,6 +131,10 @@ impl<'m> RamStore<'m> {
 impl CalibrationStore for RamStore<'_> {
     fn capacity_bytes(&self) -> usize {
         self.bytes.len()
+    }
+
+    fn rectifier_words(&self) -> usize {
+        self.rectifier_words
     }
 
     fn begin(&mut self, total_bytes: usize) -> Result<(), StoreError> {

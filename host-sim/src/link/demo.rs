@@ -202,7 +202,6 @@ fn run(wire: &Arc<Wire>) -> Result<()> {
         firmware: env!("CARGO_PKG_VERSION"),
         preset: preset.name(),
         camera: RenderedCameras::of(&options).rectified(),
-        calibration: None,
         selection: Selection::whole(Streams::DISPARITIES),
         is_started: false,
         clock,

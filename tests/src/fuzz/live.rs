@@ -92,12 +92,11 @@ pub fn run(bytes: &[u8]) {
         firmware: "0",
         preset: "lite",
         camera: None,
-        calibration: None,
         selection: Selection::whole(Streams::DISPARITIES),
         is_started: true,
         clock: now_us,
         gap_us: 10_000,
-        store: RamStore::new(&mut store),
+        store: RamStore::new(&mut store, usize::MAX),
         memory: &mut link,
     };
     let matcher = matcher.expect("the configuration is valid");

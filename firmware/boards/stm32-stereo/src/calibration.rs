@@ -3,6 +3,7 @@
 
 use vgstereo_core::Kernels;
 use vgstereo_core::geometry::{Rectification, Rectifier};
+use vgstereo_firmware::calibration::Fit;
 
 use crate::rig::Rig;
 
@@ -44,40 +45,22 @@ pub fn rectifier<K: Kernels>(
             return None;
         }
     };
-    let raw = (rectification.raw_width, rectification.raw_height);
-    let geometry = rig.geometry;
-    if (raw.0, u32::from(raw.1)) != (geometry.width, geometry.height)
-        || rectification.width != width
-    {
-        defmt::error!(
-            "the calibration is not used: it leads from {}x{} to {} columns, not from {}x{} to {}",
-            raw.0,
-            raw.1,
-            rectification.width,
-            geometry.width,
-            geometry.height,
-            width
-        );
+    let fit = Fit {
+        raw: rig.geometry,
+        width,
+        colour: !rig.geometry.format.is_grey(),
+        rectifier_words: memory.len(),
+    };
+    if let Err(unfit) = fit.check(&rectification) {
+        defmt::error!("the calibration is not used: {}", unfit);
         return None;
     }
     let kept = [
         rectification.left.kept_lines(),
         rectification.right.kept_lines(),
     ];
-    let colour = !geometry.format.is_grey();
-    match Rectifier::new(rectification, colour, kernels, memory) {
-        Ok(rectifier) => {
-            defmt::info!("calibrated: {} and {} raw lines are kept", kept[0], kept[1]);
-            Some(rectifier)
-        }
-        Err(_) => {
-            defmt::error!(
-                "the calibration is not used: it keeps {} and {} raw lines, more than {} bytes",
-                kept[0],
-                kept[1],
-                RECTIFIER_BYTES
-            );
-            None
-        }
-    }
+    // It fits, so that there is memory for it.
+    let rectifier = Rectifier::new(rectification, fit.colour, kernels, memory).ok()?;
+    defmt::info!("calibrated: {} and {} raw lines are kept", kept[0], kept[1]);
+    Some(rectifier)
 }

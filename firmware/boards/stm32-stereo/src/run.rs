@@ -50,9 +50,6 @@ pub fn run<C: LinePairSource, K: Kernels>(
         firmware: link.firmware,
         preset: link.preset,
         camera: None,
-        calibration: rectifier
-            .as_ref()
-            .map(|rectifier| rectifier.rectification().bytes()),
         selection: SELECTION,
         is_started: true,
         clock: now_us,
