@@ -48,6 +48,28 @@ pub struct CalibrationPiece<'a> {
     pub bytes: &'a [u8],
 }
 
+impl HostMessage<'_> {
+    /// The command without the lifetime of bytes that only a piece of a calibration borrows: `None` for
+    /// that.
+    #[must_use]
+    pub fn detached(self) -> Option<HostMessage<'static>> {
+        Some(match self {
+            Self::Start => HostMessage::Start,
+            Self::Stop => HostMessage::Stop,
+            Self::Select(selection) => HostMessage::Select(selection),
+            Self::CalibrationPiece(_) => return None,
+            Self::CalibrationCommit { total_bytes, crc32 } => {
+                HostMessage::CalibrationCommit { total_bytes, crc32 }
+            }
+            Self::CalibrationDiscard => HostMessage::CalibrationDiscard,
+            Self::Parameters(parameters) => HostMessage::Parameters(parameters),
+            Self::ResetCounters => HostMessage::ResetCounters,
+            Self::SendHello => HostMessage::SendHello,
+            Self::Source(source) => HostMessage::Source(source),
+        })
+    }
+}
+
 impl<'a> Message<'a> for HostMessage<'a> {
     fn kind(&self) -> u8 {
         match self {

@@ -2,7 +2,7 @@
 //!
 //! A [`Live`] is a [`Session`] with the messages of `vgstereo-link` at its end, over a [`LinkPort`] that
 //! never waits. What the port has no room for is left out and counted; the camera is never kept waiting
-//! for it. Commands are taken between frames.
+//! for it. Commands are carried out between frames, pieces of a calibration also between lines.
 
 mod commands;
 mod port;
@@ -130,6 +130,8 @@ pub struct Live<'m, C, K, P, W, T = NoStore> {
     session: Served<'m, C, K, P, W>,
     receiver: Receiver<'m>,
     upload: Upload,
+    /// A command that waits for the end of the frame, and its number.
+    deferred: Option<(u32, HostMessage<'static>)>,
     store: T,
     fit: Fit,
     is_calibrated: bool,
@@ -209,6 +211,7 @@ where
             session,
             receiver,
             upload: Upload::default(),
+            deferred: None,
             store,
             fit,
             is_calibrated: false,
@@ -227,12 +230,10 @@ where
         self.after(Ok(event))
     }
 
-    /// Sends what waits for the port, and takes commands if no frame is being read. The other calls do
-    /// this as well: it is for times in which no pair comes.
+    /// Sends what waits for the port, and takes commands. The other calls do this as well: it is for times
+    /// in which no pair comes.
     pub fn serve(&mut self) -> Option<Next> {
-        if !self.session.is_reading() {
-            self.take_commands();
-        }
+        self.take_commands();
         let sender = &mut self.session.sink_mut().sender;
         sender.settle();
         // The host is to know before the session ends.
@@ -273,65 +274,93 @@ where
         self.serve().unwrap_or(Next::Event(event))
     }
 
-    /// Carries out commands, until none has come or an answer has to wait for the port.
+    /// Carries out commands, until none has come or an answer has to wait for the port. Amid a frame it is
+    /// at most one piece of a calibration, of which there are many, and which bears on nothing else; any
+    /// other command, and what comes after it, waits for the end of the frame.
     fn take_commands(&mut self) {
-        let Self {
-            session,
-            receiver,
-            upload,
-            store,
-            fit,
-            is_calibrated,
-        } = self;
+        let is_reading = self.session.is_reading();
         loop {
-            let sender = &mut session.sink_mut().sender;
+            let sender = &mut self.session.sink_mut().sender;
             count(
                 &mut sender.counters.commands_refused,
-                receiver.newly_refused(),
+                self.receiver.newly_refused(),
             );
             sender.settle();
-            if sender.owed.answer.is_some() || !receiver.fill(sender.port_mut()) {
+            if sender.owed.answer.is_some() {
                 return;
             }
-            let Some(packet) = receiver.next() else {
+            if let Some((sequence, command)) = self.deferred {
+                if is_reading {
+                    return;
+                }
+                self.deferred = None;
+                let outcome = self.carry_out(&command);
+                self.answer(sequence, outcome);
+                continue;
+            }
+            let sender = &mut self.session.sink_mut().sender;
+            if !self.receiver.fill(sender.port_mut()) {
+                return;
+            }
+            let Some(packet) = self.receiver.next() else {
                 continue;
             };
-            let outcome = match packet.message {
-                HostMessage::CalibrationPiece(piece) => upload.piece(&piece, store),
-                HostMessage::CalibrationCommit { total_bytes, crc32 } => {
-                    let outcome = upload.commit(total_bytes, crc32, fit, store);
-                    *is_calibrated |= outcome == Outcome::Done;
-                    outcome
+            let sequence = packet.sequence;
+            match packet.message {
+                HostMessage::CalibrationPiece(piece) => {
+                    let outcome = self.upload.piece(&piece, &mut self.store);
+                    self.answer(sequence, outcome);
+                    if is_reading {
+                        return;
+                    }
                 }
-                HostMessage::CalibrationDiscard => {
-                    upload.discard();
-                    Outcome::Done
-                }
-                HostMessage::Start => change(session, |state| state.is_started = true),
-                HostMessage::Stop => change(session, |state| state.is_started = false),
-                HostMessage::Select(selection) => select(session, selection),
-                HostMessage::Source(source) => show(session, source),
-                HostMessage::Parameters(parameters) => use_parameters(session, &parameters),
-                HostMessage::ResetCounters => {
-                    session.reset_statistics();
-                    let sender = &mut session.sink_mut().sender;
-                    sender.session = SessionCounters::default();
-                    sender.counters = LinkCounters::default();
-                    Outcome::Done
-                }
-                HostMessage::SendHello => {
-                    session.sink_mut().sender.introduce();
-                    Outcome::Done
-                }
-            };
-            let sender = &mut session.sink_mut().sender;
-            let counters = &mut sender.counters;
-            let counter = match outcome {
-                Outcome::Done => &mut counters.commands,
-                _ => &mut counters.commands_refused,
-            };
-            count(counter, 1);
-            sender.owed.answer = Some((packet.sequence, outcome));
+                command => self.deferred = command.detached().map(|command| (sequence, command)),
+            }
+        }
+    }
+
+    /// Answers a command, and counts it.
+    fn answer(&mut self, sequence: u32, outcome: Outcome) {
+        let sender = &mut self.session.sink_mut().sender;
+        let counters = &mut sender.counters;
+        let counter = match outcome {
+            Outcome::Done => &mut counters.commands,
+            _ => &mut counters.commands_refused,
+        };
+        count(counter, 1);
+        sender.owed.answer = Some((sequence, outcome));
+    }
+
+    fn carry_out(&mut self, command: &HostMessage<'_>) -> Outcome {
+        let session = &mut self.session;
+        match *command {
+            HostMessage::CalibrationPiece(piece) => self.upload.piece(&piece, &mut self.store),
+            HostMessage::CalibrationCommit { total_bytes, crc32 } => {
+                let store = &mut self.store;
+                let outcome = self.upload.commit(total_bytes, crc32, &self.fit, store);
+                self.is_calibrated |= outcome == Outcome::Done;
+                outcome
+            }
+            HostMessage::CalibrationDiscard => {
+                self.upload.discard();
+                Outcome::Done
+            }
+            HostMessage::Start => change(session, |state| state.is_started = true),
+            HostMessage::Stop => change(session, |state| state.is_started = false),
+            HostMessage::Select(selection) => select(session, selection),
+            HostMessage::Source(source) => show(session, source),
+            HostMessage::Parameters(parameters) => use_parameters(session, &parameters),
+            HostMessage::ResetCounters => {
+                session.reset_statistics();
+                let sender = &mut session.sink_mut().sender;
+                sender.session = SessionCounters::default();
+                sender.counters = LinkCounters::default();
+                Outcome::Done
+            }
+            HostMessage::SendHello => {
+                session.sink_mut().sender.introduce();
+                Outcome::Done
+            }
         }
     }
 }

@@ -785,48 +785,95 @@ fn both_doors_lead_to_the_same_bytes() {
 fn a_calibration_is_kept_when_all_of_it_has_come() {
     // What a rectification is, the tests of the core know; here, that no other bytes are kept.
     let mut memory = vec![0; 4000];
-    with_board(&[], &mut open(), RamStore::new(&mut memory, 1000), 0, |board| {
-        let mut host = host();
-        let bytes: Vec<u8> = (0..600_u32).map(|at| (at % 251) as u8).collect();
-        let crc32 = 7;
-        let piece = |range: core::ops::Range<usize>| {
-            HostMessage::CalibrationPiece(vgstereo_link::host::CalibrationPiece {
+    with_board(
+        &[],
+        &mut open(),
+        RamStore::new(&mut memory, 1000),
+        0,
+        |board| {
+            let mut host = host();
+            let bytes: Vec<u8> = (0..600_u32).map(|at| (at % 251) as u8).collect();
+            let crc32 = 7;
+            let piece = |range: core::ops::Range<usize>| {
+                HostMessage::CalibrationPiece(vgstereo_link::host::CalibrationPiece {
+                    total_bytes: 600,
+                    crc32,
+                    offset_bytes: range.start as u32,
+                    bytes: &bytes[range],
+                })
+            };
+            let commit = HostMessage::CalibrationCommit {
                 total_bytes: 600,
                 crc32,
-                offset_bytes: range.start as u32,
-                bytes: &bytes[range],
+            };
+            let cases = [
+                (piece(0..256), Outcome::Done),
+                // One is missing.
+                (piece(512..600), Outcome::Calibration),
+                (commit, Outcome::Calibration),
+                (piece(0..256), Outcome::Done),
+                (piece(256..512), Outcome::Done),
+                (piece(512..600), Outcome::Done),
+                // All have come, but they are no rectification.
+                (commit, Outcome::Calibration),
+                (commit, Outcome::Calibration),
+            ];
+            for (message, _) in &cases {
+                host.send(board, message);
+            }
+            frames(board, 2);
+            let answers: Vec<Got> = taken(board)
+                .into_iter()
+                .filter(|got| matches!(got, Got::Answer(..)))
+                .collect();
+            let expected: Vec<Got> = (0..)
+                .zip(&cases)
+                .map(|(sequence, (_, outcome))| Got::Answer(sequence, *outcome))
+                .collect();
+            assert_eq!(answers, expected);
+            assert!(!board.is_calibrated);
+            assert_eq!(board.store.take(), None);
+        },
+    );
+}
+
+#[test]
+fn pieces_of_a_calibration_are_taken_amid_a_frame_and_what_changes_it_after() {
+    let mut memory = vec![0; 4000];
+    let store = RamStore::new(&mut memory, 1000);
+    with_board(&[], &mut open(), store, 0, |board| {
+        let mut host = host();
+        let bytes = [7; 100];
+        let piece = |offset_bytes: u32| {
+            HostMessage::CalibrationPiece(vgstereo_link::host::CalibrationPiece {
+                total_bytes: 200,
+                crc32: 1,
+                offset_bytes,
+                bytes: &bytes,
             })
         };
-        let commit = HostMessage::CalibrationCommit {
-            total_bytes: 600,
-            crc32,
-        };
-        let cases = [
-            (piece(0..256), Outcome::Done),
-            // One is missing.
-            (piece(512..600), Outcome::Calibration),
-            (commit, Outcome::Calibration),
-            (piece(0..256), Outcome::Done),
-            (piece(256..512), Outcome::Done),
-            (piece(512..600), Outcome::Done),
-            // All have come, but they are no rectification.
-            (commit, Outcome::Calibration),
-            (commit, Outcome::Calibration),
-        ];
-        for (message, _) in &cases {
-            host.send(board, message);
+        for _ in 0..5 {
+            let _ = board.step();
         }
+        // More than a line takes at once.
+        for message in [piece(0), piece(100), HostMessage::ResetCounters, piece(0)] {
+            host.send(board, &message);
+        }
+        // What is left in the port leaves with what follows.
         frames(board, 2);
-        let answers: Vec<Got> = taken(board)
-            .into_iter()
-            .filter(|got| matches!(got, Got::Answer(..)))
+        let got = taken(board);
+        let order: Vec<&Got> = got
+            .iter()
+            .filter(|got| matches!(got, Got::Answer(..) | Got::Done(0)))
             .collect();
-        let expected: Vec<Got> = (0..)
-            .zip(&cases)
-            .map(|(sequence, (_, outcome))| Got::Answer(sequence, *outcome))
-            .collect();
-        assert_eq!(answers, expected);
-        assert!(!board.is_calibrated);
-        assert_eq!(board.store.take(), None);
+        let done = Outcome::Done;
+        let expected = [
+            Got::Answer(0, done),
+            Got::Answer(1, done),
+            Got::Done(0),
+            Got::Answer(2, done),
+            Got::Answer(3, done),
+        ];
+        assert_eq!(order, expected.iter().collect::<Vec<_>>());
     });
 }
