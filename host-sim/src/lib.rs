@@ -8,7 +8,7 @@
 //! loads them, [`render`] makes one, and [`exposure`] and [`line_offset`] let the right camera
 //! differ from the left. [`camera`] and [`sink`] are the two ends of a firmware's session.
 //! [`mod@frame`] matches whole frames with the kernels of `vgstereo-kernels`, and [`pair_check`]
-//! tells what is wrong with a pair. [`metrics`] measures disparities against ground truth,
+//! tells what is wrong with a pair. [`chessboard`] tells whether a board of squares is seen whole. [`metrics`] measures disparities against ground truth,
 //! [`pictures`] shows them, [`published`] has results to compare with, and [`prepared`] joins a
 //! scene with its matching and measuring. [`mod@link`] is the host's end of a board's link, and
 //! [`mod@view`] shows what comes over it. [`arguments`], [`cameras`], [`tables`] and [`terminal`]
@@ -18,6 +18,7 @@ pub mod arguments;
 pub mod calibration;
 pub mod camera;
 pub mod cameras;
+pub mod chessboard;
 pub mod commands;
 pub mod dataset;
 pub mod depth_files;

@@ -119,3 +119,12 @@ pub fn progress_bar(steps: u64, what: &str) -> ProgressBar {
         .with_style(style)
         .with_message(what.to_owned())
 }
+
+/// Returns a line that shows what goes on, by its message. It is drawn on standard error, and only when
+/// that is a terminal.
+#[must_use]
+pub fn spinner() -> ProgressBar {
+    let style = ProgressStyle::with_template("{spinner} {wide_msg}");
+    ProgressBar::new_spinner()
+        .with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()))
+}

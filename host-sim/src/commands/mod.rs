@@ -9,6 +9,7 @@ use crate::terminal::Said;
 pub mod ablate;
 mod board;
 pub mod calibration;
+pub mod capture;
 pub mod demo;
 pub mod eval;
 pub mod exposure;
@@ -38,6 +39,8 @@ enum Command {
     Demo(demo::Demo),
     /// Match a rectified pair of images and write its disparity map.
     Match(Box<matching::Match>),
+    /// Take pairs of pictures from a board, to calibrate its cameras by.
+    Capture(capture::Capture),
     /// Make the rectification of two real cameras from their calibration files.
     Calibration(calibration::Calibration),
     /// Measure presets on scenes with ground truth: percentages of bad pixels.
@@ -73,6 +76,7 @@ impl CommandLine {
         let text = match self.command.unwrap_or(Command::Demo(self.demo)) {
             Command::Demo(demo) => demo.run()?,
             Command::Match(matching) => return matching.run(),
+            Command::Capture(capture) => capture.run()?,
             Command::Calibration(calibration) => calibration.run()?,
             Command::Eval(eval) => eval.run()?,
             Command::Sweep(sweep) => sweep.run()?,

@@ -62,6 +62,12 @@ impl<'m> Attended<'m> {
         &self.client
     }
 
+    /// The name of the source.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
     /// The next frame that has ended, of which lines may be missing; `None` when a recording is at its
     /// end.
     ///
@@ -69,14 +75,30 @@ impl<'m> Attended<'m> {
     /// Fails when the board is lost.
     pub fn frame(&mut self) -> Result<Option<Box<Frame>>> {
         loop {
-            if let Some(frame) = self.frames.pop_front() {
+            if let Some(frame) = self.poll()? {
                 return Ok(Some(frame));
             }
-            if self.end.is_some() && self.client.is_recording() {
+            if self.has_ended() {
                 return Ok(None);
             }
+        }
+    }
+
+    /// Reads once, and returns the oldest frame that has ended and was not taken, if there is one by then.
+    ///
+    /// # Errors
+    /// Fails when the board is lost.
+    pub fn poll(&mut self) -> Result<Option<Box<Frame>>> {
+        if self.frames.is_empty() {
             self.read()?;
         }
+        Ok(self.frames.pop_front())
+    }
+
+    /// Whether it is a recording of which all was read, and all frames were taken.
+    #[must_use]
+    pub fn has_ended(&self) -> bool {
+        self.end.is_some() && self.frames.is_empty()
     }
 
     /// Forgets the frames that have come and were not taken.

@@ -2,12 +2,13 @@
 //!
 //! [`source`] opens what the bytes come from, of which [`demo`] is a board in this process. A
 //! [`client`] makes messages of the bytes, and sends commands. [`board`] knows what the board has
-//! told, and [`plane`] collects the lines of its frames. [`attended`] joins them for programs that
-//! ask and wait.
+//! told, and [`plane`] collects the lines of its frames, of whose views [`pixels`] unpacks the pixels.
+//! [`attended`] joins them for programs that ask and wait.
 
 pub mod attended;
 pub mod board;
 pub mod client;
 pub mod demo;
+pub mod pixels;
 pub mod plane;
 pub mod source;

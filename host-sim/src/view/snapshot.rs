@@ -5,14 +5,14 @@
 //! states, so that a browser reads them in place.
 
 use serde::Serialize;
+use vgstereo_core::DisparityLine;
 use vgstereo_core::geometry::{LaserScan, RectifiedCamera, ScanConfig};
-use vgstereo_core::{DisparityLine, Kernels, Portable};
-use vgstereo_firmware::camera::PixelFormat;
 use vgstereo_link::Region;
 
 use super::focus::focus;
 use super::request::{Show, Shown};
 use crate::link::board::{Frame, Pictures, Scan};
+use crate::link::pixels::{Pixels, unpacked};
 use crate::link::plane::Plane;
 
 /// Every plane begins at a multiple of so many bytes.
@@ -89,29 +89,13 @@ impl Planes {
     /// Adds both views, and returns how sharp they are.
     fn add_views(&mut self, names: [&'static str; 2], pictures: &Pictures) -> [f64; 2] {
         let mut figures = [0.0; 2];
-        for ((name, view), figure) in names.into_iter().zip(&pictures.views).zip(&mut figures) {
-            let format = format_of(pictures.format);
-            let width = view.width / format.bytes_per_pixel();
-            let row = |row: &mut [u8], bytes: &[u8], channel: Option<usize>| match channel {
-                Some(channel) => Portable.channel_row(format, bytes, channel, row),
-                None => Portable.luma_row(format, bytes, row),
-            };
-            let grey = view.converted(width, |bytes, place| row(place, bytes, None));
-            *figure = focus(&grey.values, width);
-            if format.is_grey() {
-                self.add(name, "u8", &grey, 1, |level| [level]);
-                continue;
+        let views = names.into_iter().zip(unpacked(pictures));
+        for ((name, Pixels { grey, colour }), figure) in views.zip(&mut figures) {
+            *figure = focus(&grey.values, grey.width);
+            match colour {
+                Some(colour) => self.add(name, "u8", &colour, 3, |level| [level]),
+                None => self.add(name, "u8", &grey, 1, |level| [level]),
             }
-            let mut levels = vec![0; width];
-            let colour = view.converted(3 * width, |bytes, place| {
-                for channel in 0..3 {
-                    row(&mut levels, bytes, Some(channel));
-                    for (pixel, level) in place.chunks_exact_mut(3).zip(&levels) {
-                        pixel[channel] = *level;
-                    }
-                }
-            });
-            self.add(name, "u8", &colour, 3, |level| [level]);
         }
         figures
     }
@@ -218,15 +202,6 @@ fn scan(frame: &Frame, camera: &RectifiedCamera) -> Option<Scan> {
         range_max_mm: scan.range_max_mm,
         ranges_mm: scan.ranges_mm.to_vec(),
     })
-}
-
-fn format_of(format: vgstereo_link::PixelFormat) -> PixelFormat {
-    match format {
-        vgstereo_link::PixelFormat::Grey8 => PixelFormat::Grey8,
-        vgstereo_link::PixelFormat::Rgb888 => PixelFormat::Rgb888,
-        vgstereo_link::PixelFormat::Rgb565 => PixelFormat::Rgb565,
-        vgstereo_link::PixelFormat::Yuv422 => PixelFormat::Yuv422,
-    }
 }
 
 #[cfg(test)]

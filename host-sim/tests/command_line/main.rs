@@ -1,6 +1,7 @@
 //! The command line as a user meets it: what it writes, and how it refuses bad input.
 
 mod calibrated;
+mod capture;
 mod demo;
 mod eval;
 mod experiments;
@@ -11,5 +12,6 @@ mod joined;
 mod matching;
 mod outputs;
 mod points;
+mod scripted;
 mod view;
 mod wall;
