@@ -15,6 +15,7 @@ use vgstereo_boards::bridge::Damage;
 use vgstereo_boards::build::build;
 use vgstereo_boards::host::{self, Frames};
 use vgstereo_boards::live::{Link, LiveBoard};
+use vgstereo_boards::model;
 use vgstereo_boards::pair::Pair;
 use vgstereo_boards::toolchain;
 use vgstereo_core::Preset;
@@ -32,6 +33,8 @@ const HEIGHT: usize = 40;
 
 /// Longest time that anything may take.
 const LONG: Duration = Duration::from_secs(120);
+/// Longest time that an answer of a real board on its model may take.
+const VERY_LONG: Duration = Duration::from_secs(600);
 
 /// Bytes that are left out and changed of those that are sent to hosts, amid the first frames.
 const DROPPED: u64 = 3_000;
@@ -51,6 +54,14 @@ fn main() {
             takes_a_calibration(&board).map_err(|error| text(error).into())
         });
         trials.push(trial.with_ignored_flag(absent));
+    }
+    for board in Board::modelled() {
+        // It takes minutes, and is ignored unless it is asked for.
+        let name = format!("{}::calibration", board.name);
+        let trial = Trial::test(name, move || {
+            keeps_a_calibration_in_flash(&board).map_err(|error| text(error).into())
+        });
+        trials.push(trial.with_ignored_flag(true));
     }
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }
@@ -442,18 +453,12 @@ fn takes_a_calibration(board: &Board) -> anyhow::Result<()> {
 fn calibrates(pair: &Pair, address: &str) -> anyhow::Result<()> {
     let source = Source::Tcp(address.to_owned());
     let mut memory = Memory::default();
-    let mut host = Attended::open(&source, &mut memory)?;
-    host.patience = LONG;
-    let hello = |host: &Attended<'_>, field: &str| {
-        let hello = host.board.hello.as_ref().unwrap();
-        hello.fields[field].as_u64()
-    };
+    let mut host = Attended::connect(&source, &mut memory, LONG)?;
     assert_eq!(hello(&host, "calibration_crc32"), None);
     let piece_bytes = hello(&host, "piece_bytes_max").unwrap() as usize;
 
     // Damaged, or for other cameras: refused, and the board goes on as it was.
     let bytes = pair.rectification.as_deref().unwrap();
-    let crc32_of = |bytes: &[u8]| u32::from_le_bytes(*bytes.last_chunk().unwrap());
     let other = Pair::crooked(WIDTH as u16, HEIGHT as u16 + 1, 16, true)?;
     let other = other.rectification.unwrap();
     let mut damaged = bytes.to_vec();
@@ -474,28 +479,69 @@ fn calibrates(pair: &Pair, address: &str) -> anyhow::Result<()> {
     // The same views by another calibration.
     let second = Pair::crooked(WIDTH as u16, HEIGHT as u16, 16, false)?;
     for pair in [pair, &second] {
-        let bytes = pair.rectification.as_deref().unwrap();
-        send_calibration(&mut host, bytes, piece_bytes, crc32_of(bytes))?;
-        // The board has begun anew, and may have sent the first lines of a frame before that.
-        while hello(&host, "calibration_crc32") != Some(crc32_of(bytes).into()) {
-            host.frame()?;
-        }
-        let streams = DISPARITIES.streams.with(Streams::RECTIFIED);
-        let streams = streams.with(Streams::DEPTHS);
-        let selection = HostMessage::Select(Selection::whole(streams));
-        host.command("select", &selection)?;
-        host.drop_frames();
-        let frame = host.frame()?.unwrap();
-        let (expected, _) = host::run(pair, &pair.request(Preset::Lite, 1, &[])?)?;
-        assert!(frame.is_whole());
-        let disparities = frame.disparities.as_ref().unwrap();
-        assert!(disparities.values == expected.disparities_q4());
-        let confidences = frame.confidences.as_ref().unwrap();
-        assert!(confidences.values == expected.confidences);
-        let depth = pair.camera.unwrap().0.depth();
-        let depths_mm: Vec<u16> = disparities.values.iter().map(|&q4| depth.mm(q4)).collect();
-        assert!(frame.depths.as_ref().unwrap().values == depths_mm);
-        assert!(frame.rectified.is_some());
+        is_used_once_sent(&mut host, pair)?;
     }
     Ok(())
+}
+
+/// Sends the calibration of a pair to a board that sees it, which then sends what the host makes of it.
+fn is_used_once_sent(host: &mut Attended<'_>, pair: &Pair) -> anyhow::Result<()> {
+    let bytes = pair.rectification.as_deref().unwrap();
+    let crc32 = crc32_of(bytes);
+    let piece_bytes = hello(host, "piece_bytes_max").unwrap() as usize;
+    send_calibration(host, bytes, piece_bytes, crc32)?;
+    // The board has begun anew, and may have sent the first lines of a frame before that.
+    while hello(host, "calibration_crc32") != Some(crc32.into()) {
+        host.frame()?;
+    }
+    let streams = DISPARITIES.streams.with(Streams::RECTIFIED);
+    let streams = streams.with(Streams::DEPTHS);
+    let selection = HostMessage::Select(Selection::whole(streams));
+    host.command("select", &selection)?;
+    host.drop_frames();
+    let frame = host.frame()?.unwrap();
+    let (expected, _) = host::run(pair, &pair.request(Preset::Lite, 1, &[])?)?;
+    assert!(frame.is_whole());
+    let disparities = frame.disparities.as_ref().unwrap();
+    assert!(disparities.values == expected.disparities_q4());
+    let confidences = frame.confidences.as_ref().unwrap();
+    assert!(confidences.values == expected.confidences);
+    let depth = pair.camera.unwrap().0.depth();
+    let depths_mm: Vec<u16> = disparities.values.iter().map(|&q4| depth.mm(q4)).collect();
+    assert!(frame.depths.as_ref().unwrap().values == depths_mm);
+    assert!(frame.rectified.is_some());
+    Ok(())
+}
+
+/// A number of the board's hello.
+fn hello(host: &Attended<'_>, field: &str) -> Option<u64> {
+    host.board.hello.as_ref()?.fields[field].as_u64()
+}
+
+/// The number that a calibration ends with.
+fn crc32_of(calibration: &[u8]) -> u32 {
+    u32::from_le_bytes(*calibration.last_chunk().unwrap())
+}
+
+/// A real board on the model of its chip keeps a calibration in flash, and starts anew with it.
+fn keeps_a_calibration_in_flash(board: &Board) -> anyhow::Result<()> {
+    let built_for = board.model.unwrap();
+    let (width, height) = built_for.size;
+    let disparities = built_for.disparities;
+    let pair = Pair::crooked(width.try_into()?, height.try_into()?, disparities, true)?;
+    let uncalibrated = Pair {
+        rectification: None,
+        ..pair.clone()
+    };
+    let (program, firmware) = (model::build(board)?, build(board)?);
+    let link = Link {
+        address: "127.0.0.1:0".parse()?,
+        damage: Damage::default(),
+    };
+    let live = LiveBoard::modelled(board, &program, &firmware, &uncalibrated, link)?;
+    let source = Source::Tcp(live.address().to_string());
+    let mut memory = Memory::default();
+    let mut host = Attended::connect(&source, &mut memory, VERY_LONG)?;
+    assert_eq!(hello(&host, "calibration_crc32"), None);
+    is_used_once_sent(&mut host, &pair)
 }

@@ -14,10 +14,11 @@ use vgstereo_emulated::{REPORT_FILE, Request};
 use crate::board::Board;
 use crate::bridge::{Bridge, Damage, Event};
 use crate::emulator;
+use crate::model;
 use crate::pair::Pair;
 
 /// The longest time from the start of a board to its first byte.
-const LONGEST_START: Duration = Duration::from_secs(120);
+const LONGEST_START: Duration = Duration::from_secs(300);
 
 /// The service of a board's link: its address, and damage on purpose.
 #[derive(Debug, Clone)]
@@ -72,10 +73,32 @@ impl LiveBoard {
         live.began(folder)
     }
 
+    /// Starts a real board's firmware on its model, of which `program` is the path. Its sensors send the
+    /// pair for ever. Returns when the board has begun to speak.
+    ///
+    /// # Errors
+    /// Fails with one line when the pair is not of the size for which the firmware is built, when the model
+    /// complains, or when the address cannot be listened at.
+    pub fn modelled(
+        board: &Board,
+        program: &Path,
+        firmware: &Path,
+        pair: &Pair,
+        link: Link,
+    ) -> Result<Self> {
+        let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
+        let inputs = model::inputs(firmware, pair, folder.path())?;
+        let start = |mut command: Command| {
+            command.args(&inputs).args(["--serial", "stdio"]);
+            command
+        };
+        Self::start(board.name, program, start, link)?.began(folder)
+    }
+
     /// Starts a program with the board's serial port at its standard input and output.
     fn start(
         name: &'static str,
-        program: &str,
+        program: impl AsRef<Path>,
         configured: impl Fn(Command) -> Command,
         link: Link,
     ) -> Result<Self> {
@@ -89,12 +112,13 @@ impl LiveBoard {
                 .spawn()
         };
         let mut tied = Command::new("setpriv");
-        tied.args(["--pdeathsig", "KILL", program]);
+        let program = program.as_ref();
+        tied.args(["--pdeathsig", "KILL"]).arg(program);
         let spawned = match spawn(tied) {
             Err(error) if error.kind() == ErrorKind::NotFound => spawn(Command::new(program)),
             spawned => spawned,
         };
-        let mut child = spawned.with_context(|| format!("cannot run {program}"))?;
+        let mut child = spawned.with_context(|| format!("cannot run {}", program.display()))?;
         let ends = child.stdout.take().zip(child.stdin.take());
         let bridge = ends
             .context("the board has no serial port")

@@ -5,6 +5,7 @@
 //! crate that has the chip asks for a newer compiler than the rest.
 
 use std::collections::BTreeSet;
+use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -146,11 +147,11 @@ pub fn built_in_pair(model: &Model) -> Pair {
     Pair::rendered(width, height, model.disparities)
 }
 
-/// Returns the frames that the host makes of a pair as a board does.
+/// Checks that a board's firmware is built for pairs like this one.
 ///
 /// # Errors
-/// Fails when the pair is not of the size for which the board's firmware is built.
-pub fn expected(model: &Model, pair: &Pair) -> Result<Frames> {
+/// Fails with one line that says what it is built for.
+pub fn ensure_built_for(model: &Model, pair: &Pair) -> Result<()> {
     let (width, height) = model.size;
     ensure!(
         pair.left.dimensions() == model.size
@@ -159,6 +160,15 @@ pub fn expected(model: &Model, pair: &Pair) -> Result<Frames> {
         "the firmware is built for {width}x{height} px in grey and {} disparities",
         model.disparities
     );
+    Ok(())
+}
+
+/// Returns the frames that the host makes of a pair as a board does.
+///
+/// # Errors
+/// Fails when the pair is not of the size for which the board's firmware is built.
+pub fn expected(model: &Model, pair: &Pair) -> Result<Frames> {
+    ensure_built_for(model, pair)?;
     let (frames, _) = host::run(pair, &pair.request(model.preset, 1, &[])?)?;
     Ok(frames)
 }
@@ -240,23 +250,13 @@ fn cargo(compiler: ModelCompiler, model: Model, verb: &str) -> Command {
 pub fn run(program: &Path, firmware: &Path, pair: &Pair, scenario: &Scenario) -> Result<Ran> {
     scenario.validate()?;
     let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
-    let views = folder.path().join("views.bin");
-    fs::write(&views, pair.lines()?).context("cannot write a temporary file")?;
-    let slot = folder.path().join("calibration.bin");
     let mut command = Command::new(program);
     command
-        .arg(firmware)
-        .arg(&views)
-        .arg(pair.left.width().to_string())
-        .arg(folder.path())
+        .args(inputs(firmware, pair, folder.path())?)
         .args(["--frames", &scenario.frames.to_string()])
         .args(["--until-ms", &scenario.until_ms.to_string()])
         .stdin(Stdio::null())
         .stdout(Stdio::null());
-    if let Some(bytes) = &pair.rectification {
-        fs::write(&slot, bytes).context("cannot write a temporary file")?;
-        command.arg("--calibration").arg(&slot);
-    }
     for fault in &scenario.faults {
         command.args(["--fault", &fault.to_string()]);
     }
@@ -281,6 +281,23 @@ pub fn run(program: &Path, firmware: &Path, pair: &Pair, scenario: &Scenario) ->
         log: log::lines(firmware, &read("log.defmt")?)?,
         report: serde_json::from_slice(&read("report.json")?)?,
     })
+}
+
+/// Writes the files that a model reads into a folder, and returns the arguments that name them.
+pub(crate) fn inputs(firmware: &Path, pair: &Pair, folder: &Path) -> Result<Vec<OsString>> {
+    let write = |name: &str, bytes: &[u8]| {
+        let path = folder.join(name);
+        fs::write(&path, bytes).context("cannot write a temporary file")?;
+        anyhow::Ok(path)
+    };
+    let views = write("views.bin", &pair.lines()?)?;
+    let width = pair.left.width().to_string();
+    let mut arguments = vec![firmware.into(), views.into(), width.into(), folder.into()];
+    if let Some(bytes) = &pair.rectification {
+        arguments.push("--calibration".into());
+        arguments.push(write("calibration.bin", bytes)?.into());
+    }
+    Ok(arguments)
 }
 
 /// Takes what came over the serial port apart.

@@ -11,7 +11,7 @@ use super::board::{Board, Change, Frame, outcome_name};
 use super::client::{Client, Memory};
 use super::source::{Received, Source};
 
-/// For how long an answer is waited for, unless [`Attended::patience`] is changed. A board takes
+/// For how long an answer is waited for, unless another time is given. A board takes
 /// commands between frames, of which a slow one has one in some seconds.
 const PATIENCE: Duration = Duration::from_secs(30);
 /// For how long a hello is waited for before it is asked for once more: what a board has heard while
@@ -25,8 +25,7 @@ pub struct Attended<'m> {
     name: String,
     /// What the board has told.
     pub board: Board,
-    /// For how long an answer is waited for.
-    pub patience: Duration,
+    patience: Duration,
     frames: VecDeque<Box<Frame>>,
     answers: VecDeque<(u32, Outcome)>,
     end: Option<String>,
@@ -39,13 +38,21 @@ impl<'m> Attended<'m> {
     /// # Errors
     /// Fails with one line that names the source and the reason.
     pub fn open(source: &Source, memory: &'m mut Memory) -> Result<Self> {
+        Self::connect(source, memory, PATIENCE)
+    }
+
+    /// Opens a source as [`Attended::open`] does, but waits so long for each answer.
+    ///
+    /// # Errors
+    /// As [`Attended::open`].
+    pub fn connect(source: &Source, memory: &'m mut Memory, patience: Duration) -> Result<Self> {
         let name = source.name();
         let client = Client::new(source.open()?, memory).with_context(|| name.clone())?;
         let mut attended = Self {
             client,
             name,
             board: Board::default(),
-            patience: PATIENCE,
+            patience,
             frames: VecDeque::new(),
             answers: VecDeque::new(),
             end: None,

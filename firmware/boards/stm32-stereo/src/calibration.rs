@@ -25,6 +25,16 @@ pub fn slot() -> &'static [u8] {
     unsafe { &_calibration }
 }
 
+/// Copies the calibration in the slot into `memory`, so that the slot can be written while it is in use;
+/// what is none is left to [`rectifier`] to tell.
+#[must_use]
+pub fn copied(slot: &[u8], memory: &'static mut [u8]) -> &'static [u8] {
+    let length = Rectification::from_prefix(slot).map_or(slot.len(), |read| read.bytes().len());
+    let length = length.min(memory.len());
+    memory[..length].copy_from_slice(&slot[..length]);
+    &memory[..length]
+}
+
 /// Builds the rectifier of what is in the slot, for lines of `rig` and a matcher of `width` columns.
 /// Logs what it found. Without a rectification that suits, lines are taken as they come.
 pub fn rectifier<K: Kernels>(

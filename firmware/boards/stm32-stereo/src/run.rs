@@ -1,10 +1,12 @@
 //! The loop of a board's live session, with its log.
 
+use cortex_m::peripheral::SCB;
+use embassy_time::Duration;
 use vgstereo_core::geometry::Rectifier;
 use vgstereo_core::{Kernels, Matcher};
 use vgstereo_firmware::Event;
 use vgstereo_firmware::camera::LinePairSource;
-use vgstereo_firmware::live::{Live, Next, NoStore, Setup};
+use vgstereo_firmware::live::{CalibrationStore, Live, Next, Setup};
 use vgstereo_link::{Selection, Streams};
 
 use crate::clock;
@@ -15,8 +17,12 @@ use crate::watchdog::Iwdg;
 /// Streams that a board sends from its start, until the host selects others.
 const SELECTION: Selection = Selection::whole(Streams::DISPARITIES);
 
+/// The longest wait for the last bytes to leave before a restart: at 2 Mbaud the port's buffer takes some
+/// 20 ms.
+const DRAIN: Duration = Duration::from_millis(200);
+
 /// A board's link to the host.
-pub struct Link {
+pub struct Link<T> {
     /// The port.
     pub port: SerialPort,
     /// The board's name.
@@ -27,21 +33,23 @@ pub struct Link {
     pub preset: &'static str,
     /// Memory of [`live::memory_words`](vgstereo_firmware::live::memory_words).
     pub memory: &'static mut [u32],
+    /// Where a calibration from the host is kept.
+    pub store: T,
 }
 
 /// Matches what the camera sends, for ever, rectified first if there is a rectifier, and serves the
 /// link. Logs each frame with its time and all counters, and each fault. `lines` holds a line of each
-/// view.
+/// view. When the host has stored a calibration, the board restarts.
 ///
 /// # Panics
 /// If camera, rectifier, matcher and memories do not suit each other.
-pub fn run<C: LinePairSource, K: Kernels>(
+pub fn run<C: LinePairSource, K: Kernels, T: CalibrationStore>(
     rig: &Rig,
     camera: C,
     rectifier: Option<&'static mut Rectifier<'static, 'static, K>>,
     matcher: Matcher<'static, K>,
     lines: &'static mut [u32],
-    link: Link,
+    link: Link<T>,
     watchdog: Iwdg,
 ) -> ! {
     let setup = Setup {
@@ -55,7 +63,7 @@ pub fn run<C: LinePairSource, K: Kernels>(
         clock: now_us,
         // A frame begins when it is asked for.
         gap_us: rig.frame_us().into(),
-        store: NoStore,
+        store: link.store,
         memory: link.memory,
     };
     let live = Live::new(camera, rectifier, matcher, lines, watchdog, setup);
@@ -69,10 +77,14 @@ pub fn run<C: LinePairSource, K: Kernels>(
                 defmt::info!("frame {} in {}: {}", frame, took, statistics);
             }
             Next::Event(Event::Fault(fault)) => defmt::warn!("{}", fault),
-            // No calibration can be stored from the host.
-            Next::Event(_) | Next::Calibrated => {}
+            Next::Event(_) => {}
+            Next::Calibrated => break,
         }
     }
+    defmt::info!("another calibration: the board restarts");
+    let (_, mut port, _) = live.into_parts();
+    port.drain(DRAIN);
+    SCB::sys_reset()
 }
 
 /// Time since start, µs.

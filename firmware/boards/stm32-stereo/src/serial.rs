@@ -4,6 +4,7 @@ use core::task::Poll;
 
 use embassy_futures::poll_once;
 use embassy_stm32::usart::BufferedUart;
+use embassy_time::{Duration, Instant};
 use embedded_io_async::{Read, Write};
 use vgstereo_firmware::live::LinkPort;
 
@@ -16,6 +17,14 @@ impl SerialPort {
     #[must_use]
     pub const fn new(uart: BufferedUart<'static>) -> Self {
         Self(uart)
+    }
+}
+
+impl SerialPort {
+    /// Waits until all bytes have left, but no longer than `longest`.
+    pub fn drain(&mut self, longest: Duration) {
+        let begun = Instant::now();
+        while poll_once(self.0.flush()).is_pending() && begun.elapsed() < longest {}
     }
 }
 

@@ -24,6 +24,7 @@ use stm32_stereo::watchdog::Iwdg;
 use vgstereo_core::geometry::Rectifier;
 use vgstereo_core::{Config, DisparityRange, Matcher, Preset};
 use vgstereo_firmware::camera::{Geometry, Layout, PixelFormat};
+use vgstereo_firmware::live::NoStore;
 use vgstereo_firmware::{live, session};
 use vgstereo_kernels::Armv7em;
 
@@ -143,6 +144,8 @@ fn main() -> ! {
         firmware: env!("CARGO_PKG_VERSION"),
         preset: PRESET.name(),
         memory: LINK.take(),
+        // There is no memory for a second calibration beside the one in use.
+        store: NoStore,
     };
     let lines = LINES.take();
     run(&RIG, camera, rectifier, matcher, lines, link, watchdog)

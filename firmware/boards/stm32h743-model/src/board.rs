@@ -1,8 +1,10 @@
 //! The NUCLEO-H743ZI2 as it is wired: the chip, its crystal, both sensors, and a listener on the
 //! serial port.
 
+use std::collections::VecDeque;
+use std::io::{self, Read, Write};
 use std::num::{NonZeroU32, NonZeroU64};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, Result, anyhow};
 use rigless::chip::{Timeline, uart};
@@ -76,28 +78,73 @@ impl Mcu for Chip {
     }
 }
 
-/// Keeps what the serial port sends.
-#[derive(Debug, Clone, Default)]
-pub struct Listener(Arc<Mutex<Vec<u8>>>);
+/// The far end of the serial port.
+#[derive(Debug, Clone)]
+pub enum Listener {
+    /// Keeps what the port sends, and says nothing.
+    Keeps(Arc<Mutex<Vec<u8>>>),
+    /// Passes on what the port sends to this program's standard output, and what comes from its standard
+    /// input to the port.
+    Passes(Arc<Mutex<VecDeque<u8>>>),
+}
 
 impl Listener {
-    /// Returns the bytes that came so far.
-    pub fn bytes(&self) -> Vec<u8> {
-        let bytes = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        bytes.clone()
+    /// A listener that keeps.
+    pub fn keeping() -> Self {
+        Self::Keeps(Arc::default())
     }
+
+    /// A listener that passes on. The program ends with its standard input.
+    pub fn passing() -> Self {
+        let incoming = Arc::new(Mutex::new(VecDeque::new()));
+        let filled = Arc::clone(&incoming);
+        std::thread::spawn(move || {
+            let mut chunk = [0; 256];
+            while let Ok(count @ 1..) = io::stdin().lock().read(&mut chunk) {
+                lock(&filled).extend(&chunk[..count]);
+            }
+            std::process::exit(0);
+        });
+        Self::Passes(incoming)
+    }
+
+    /// Returns the bytes that were kept.
+    pub fn bytes(&self) -> Vec<u8> {
+        match self {
+            Self::Keeps(bytes) => lock(bytes).clone(),
+            Self::Passes(_) => vec![],
+        }
+    }
+}
+
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Store for Listener {}
 
 impl uart::Peer for Listener {
     fn receive(&mut self, word: u16, _: &mut Timeline<'_, '_>) {
-        let mut bytes = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        bytes.push(word as u8);
+        let byte = word as u8;
+        match self {
+            Self::Keeps(bytes) => lock(bytes).push(byte),
+            Self::Passes(_) => {
+                let mut output = io::stdout().lock();
+                let written = output.write_all(&[byte]);
+                // Packets end with a zero.
+                let flushed = if byte == 0 { output.flush() } else { Ok(()) };
+                if written.and(flushed).is_err() {
+                    std::process::exit(0);
+                }
+            }
+        }
     }
 
     fn transmit(&mut self, _: VirtualNanos) -> Option<u16> {
-        None
+        match self {
+            Self::Keeps(_) => None,
+            Self::Passes(incoming) => lock(incoming).pop_front().map(u16::from),
+        }
     }
 }
 
@@ -110,7 +157,12 @@ pub struct Nucleo {
 
 impl Nucleo {
     /// Wires the board up.
-    pub fn new(port: Port, sensors: &[Shared; 2], troubles: Troubles) -> Result<Self> {
+    pub fn new(
+        port: Port,
+        sensors: &[Shared; 2],
+        troubles: Troubles,
+        serial: Listener,
+    ) -> Result<Self> {
         let mut inner = Stm32h743::new().map_err(|error| anyhow!("{error}"))?;
         inner.rcc.attach_crystals(CRYSTAL_HZ, 0);
         inner.set_supply(SUPPLY_MV);
@@ -118,7 +170,6 @@ impl Nucleo {
         for (bus, sensor) in inner.i2c.iter_mut().zip(sensors) {
             bus.attach(Wire::new(sensor.clone()));
         }
-        let serial = Listener::default();
         let number = usart::INSTANCES.iter().position(|&name| name == SERIAL);
         inner.usart[number.context(SERIAL)?].attach(serial.clone());
         let place = |name| inner.bus().slot_of(name).context(name);

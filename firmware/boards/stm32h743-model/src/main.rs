@@ -1,12 +1,14 @@
 //! The board stm32h743 as a program: runs the ELF that is flashed on a model of the chip, with two
 //! sensors at its camera port, and writes what it sends and what happened.
 //!
-//!     stm32h743-model ELF VIEWS WIDTH FOLDER [--frames N] [--until-ms N]
-//!         [--fault FRAME:LINE:KIND]... [--trouble WHAT:FROM_MS:TO_MS]...
+//!     stm32h743-model ELF VIEWS WIDTH FOLDER [--frames N] [--until-ms N] [--serial files|stdio]
+//!         [--calibration FILE] [--fault FRAME:LINE:KIND]... [--trouble WHAT:FROM_MS:TO_MS]...
 //!
 //! VIEWS holds the frame that the sensors send for ever: for each line WIDTH bytes of the left view
 //! and WIDTH of the right one. FOLDER gets `serial.bin`, `log.defmt` and `report.json`. The run ends
-//! when the sensors have ended N frames and the board has had time to send the last, or at a time.
+//! when the sensors have ended N frames and the board has had time to send the last, or at a time. With
+//! `--serial stdio`, standard input and output are the serial port, and the run also ends with standard
+//! input, without files.
 
 mod board;
 mod fault;
@@ -30,7 +32,7 @@ use rigless::session::Session;
 use rigless::time::VirtualNanos;
 use serde::Serialize;
 
-use board::Nucleo;
+use board::{Listener, Nucleo};
 use port::Port;
 use sensor::Shared;
 use trouble::Troubles;
@@ -55,6 +57,7 @@ struct Arguments {
     faults: BTreeMap<usize, (usize, fault::Kind)>,
     troubles: Troubles,
     calibration: Option<PathBuf>,
+    serial: Listener,
 }
 
 impl Arguments {
@@ -70,6 +73,7 @@ impl Arguments {
             faults: BTreeMap::new(),
             troubles: Troubles::default(),
             calibration: None,
+            serial: Listener::keeping(),
         };
         let mut troubles = vec![];
         while let Ok(option) = next("") {
@@ -85,6 +89,13 @@ impl Arguments {
                 }
                 "--trouble" => troubles.push(value),
                 "--calibration" => arguments.calibration = Some(value.into()),
+                "--serial" => {
+                    arguments.serial = match value.as_str() {
+                        "files" => Listener::keeping(),
+                        "stdio" => Listener::passing(),
+                        _ => bail!("--serial is files or stdio"),
+                    };
+                }
                 _ => bail!("{option} is no option"),
             }
         }
@@ -177,7 +188,7 @@ fn main() -> Result<()> {
         arguments.faults,
         troubles.clone(),
     );
-    let board = Nucleo::new(port, &sensors, troubles)?;
+    let board = Nucleo::new(port, &sensors, troubles, arguments.serial)?;
     let mut images = vec![Image::read(&arguments.elf, None).map_err(|error| anyhow!("{error}"))?];
     if let Some(path) = &arguments.calibration {
         let slot = Image::read(path, Some(CALIBRATION_SLOT));

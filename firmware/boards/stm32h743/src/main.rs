@@ -4,9 +4,11 @@
 #![no_main]
 
 mod memory;
+mod store;
 
 use cortex_m_rt::entry;
 use defmt_rtt as _;
+use embassy_stm32::flash::Flash;
 use embassy_stm32::peripherals::{DCMI, DMA1_CH0, IWDG1, USART3};
 use embassy_stm32::rcc::{Mco, Mco1Source, McoConfig, McoPrescaler};
 use embassy_stm32::time::Hertz;
@@ -27,6 +29,8 @@ use vgstereo_core::{Config, DisparityRange, Matcher, Preset};
 use vgstereo_firmware::camera::{Geometry, Layout, PixelFormat};
 use vgstereo_firmware::{live, session};
 use vgstereo_kernels::Armv7em;
+
+use crate::store::FlashStore;
 
 /// Geometry of the camera's lines: the middle of the sensors' 324x244 px.
 const GEOMETRY: Geometry = Geometry {
@@ -135,8 +139,9 @@ fn main() -> ! {
         serial,
     );
     let serial = defmt::unwrap!(serial);
-    let (slot, memory) = (calibration::slot(), memories.rectifier);
-    let rectifier = calibration::rectifier(slot, &RIG, CONFIG.width, Armv7em, memory);
+    let [in_use, staging] = memories.calibrations;
+    let bytes = calibration::copied(calibration::slot(), in_use);
+    let rectifier = calibration::rectifier(bytes, &RIG, CONFIG.width, Armv7em, memories.rectifier);
     let rectifier = rectifier.map(|rectifier| &mut *RECTIFIER.init(rectifier));
     let matcher = defmt::unwrap!(Matcher::new(&CONFIG, Armv7em, memories.matcher));
     let link = Link {
@@ -145,6 +150,7 @@ fn main() -> ! {
         firmware: env!("CARGO_PKG_VERSION"),
         preset: PRESET.name(),
         memory: LINK.take(),
+        store: FlashStore::new(Flash::new_blocking(board.FLASH), staging, watchdog),
     };
     let lines = LINES.take();
     run(&RIG, camera, rectifier, matcher, lines, link, watchdog)

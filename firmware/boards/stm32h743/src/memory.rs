@@ -4,7 +4,7 @@ use cortex_m::asm::{dsb, isb};
 use cortex_m::peripheral::{MPU, Peripherals};
 use embassy_stm32::pac::RCC;
 use grounded::uninit::GroundedArrayCell;
-use stm32_stereo::calibration::RECTIFIER_BYTES;
+use stm32_stereo::calibration::{self, RECTIFIER_BYTES, SLOT_BYTES};
 
 use crate::{CONFIG, RIG};
 
@@ -16,6 +16,10 @@ const RAW_LINES_WORDS: usize = 2 * RIG.raw_words();
 static MATCHER: GroundedArrayCell<u32, { CONFIG.memory_words() }> = GroundedArrayCell::uninit();
 #[unsafe(link_section = ".axisram")]
 static RECTIFIER: GroundedArrayCell<u32, { RECTIFIER_BYTES / 4 }> = GroundedArrayCell::uninit();
+/// The calibration in use, and one on its way from the host.
+#[unsafe(link_section = ".axisram")]
+static CALIBRATIONS: [GroundedArrayCell<u8, SLOT_BYTES>; 2] =
+    [const { GroundedArrayCell::uninit() }; 2];
 #[unsafe(link_section = ".sram1")]
 static RAW_LINES: GroundedArrayCell<u32, RAW_LINES_WORDS> = GroundedArrayCell::uninit();
 
@@ -23,6 +27,7 @@ static RAW_LINES: GroundedArrayCell<u32, RAW_LINES_WORDS> = GroundedArrayCell::u
 pub struct Memories {
     pub matcher: &'static mut [u32],
     pub rectifier: &'static mut [u32],
+    pub calibrations: [&'static mut [u8]; 2],
     /// Not cached.
     pub raw_lines: &'static mut [u32],
 }
@@ -43,26 +48,31 @@ pub fn take() -> Memories {
         Memories {
             matcher: initialised(MATCHER.get_ptr_len()),
             rectifier: initialised(RECTIFIER.get_ptr_len()),
+            calibrations: CALIBRATIONS
+                .each_ref()
+                .map(|cell| initialised(cell.get_ptr_len())),
             raw_lines: initialised(RAW_LINES.get_ptr_len()),
         }
     }
 }
 
-/// Clears `words` words from `start` on and returns them as a slice.
+/// Clears `count` numbers from `start` on and returns them as a slice.
 ///
 /// # Safety
-/// The words are writable, and there is no other reference to them.
-unsafe fn initialised((start, words): (*mut u32, usize)) -> &'static mut [u32] {
-    // SAFETY: the caller promises it, and every word is written before the slice exists.
+/// They are writable, may be 0, and there is no other reference to them.
+unsafe fn initialised<T>((start, count): (*mut T, usize)) -> &'static mut [T] {
+    // SAFETY: the caller promises it, and all are written before the slice exists.
     unsafe {
-        start.write_bytes(0, words);
-        core::slice::from_raw_parts_mut(start, words)
+        start.write_bytes(0, count);
+        core::slice::from_raw_parts_mut(start, count)
     }
 }
 
 /// Sets up the protection of memory:
 ///
 /// - Flash is read and executed, never written; the RAMs that are used are not executed.
+/// - The calibration slot is written and not executed, and read past the cache, which does not see it
+///   change.
 /// - All 128 KB of SRAM1 are not cached either, so that the core reads what DMA1 has written.
 /// - Of the DTCM nobody may touch the 4 KB above the statics. A stack that grows too deep faults
 ///   there, and the watchdog restarts the board, before it overwrites statics.
@@ -94,9 +104,11 @@ fn protect(mpu: &mut MPU) {
         static __sheap: u32;
     }
     let statics_end = (&raw const __sheap).addr() as u32;
+    let slot_start = calibration::slot().as_ptr().addr() as u32;
     // Where regions overlap, the last one holds.
     let regions = [
         (FLASH, READ_ONLY | WRITTEN_THROUGH | size(2 << 20)),
+        (slot_start, RAM | NOT_CACHED | size(SLOT_BYTES as u32)),
         (DTCM, RAM | WRITTEN_BACK | size(128 << 10)),
         (AXI_SRAM, RAM | WRITTEN_BACK | size(512 << 10)),
         (SRAM1, RAM | NOT_CACHED | SHAREABLE | size(128 << 10)),

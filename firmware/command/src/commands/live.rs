@@ -7,16 +7,17 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use vgstereo_sim::terminal::write_output;
 
-use super::selection::parse_emulated_board;
+use super::selection::parse_executed_board;
 use super::source::{Source, ensure_fits};
 use crate::board::Board;
 use crate::bridge::Damage;
 use crate::build::build;
 use crate::live::{Link, LiveBoard};
+use crate::model;
 use crate::toolchain::ensure_complete;
 
 /// How often it is looked whether standard input is closed.
@@ -31,8 +32,9 @@ const LOOK: Duration = Duration::from_millis(100);
     live --board stm32f405 --listen 127.0.0.1:7878"
 )]
 pub struct Live {
-    /// The board: stm32f405, mps2-an500, riscv-virt or riscv-virt-zbb.
-    #[arg(long, value_name = "B", value_parser = parse_emulated_board)]
+    /// The board: stm32f405, mps2-an500, riscv-virt, riscv-virt-zbb, or stm32h743 on its model, which takes
+    /// a minute for a frame.
+    #[arg(long, value_name = "B", value_parser = parse_executed_board)]
     board: Board,
     #[command(flatten)]
     source: Source,
@@ -53,12 +55,8 @@ impl Live {
     /// # Errors
     /// Fails with one line that names the file or option and the reason.
     pub fn run(self) -> Result<String> {
-        let pair = self.source.pair(&self.board)?;
-        let request = pair.live_request(self.source.preset, &self.source.faults)?;
-        request.config().validate()?;
-        ensure_complete(&[self.board])?;
-        let firmware = build(&self.board)?;
-        ensure_fits(&self.board, &firmware, &pair, &request)?;
+        let board = &self.board;
+        let pair = self.source.pair(board)?;
         let link = Link {
             address: self.listen,
             damage: Damage {
@@ -66,7 +64,24 @@ impl Live {
                 flipped: self.flip_byte,
             },
         };
-        let mut live = LiveBoard::emulated(&self.board, &firmware, &[pair], &request, link)?;
+        ensure_complete(&[*board])?;
+        let mut live = if let Some(built_for) = &board.model {
+            ensure!(
+                self.source.preset == built_for.preset && self.source.faults.is_empty(),
+                "the firmware of {} is built for {}, and its camera has no faults here",
+                board.name,
+                built_for.preset
+            );
+            model::ensure_built_for(built_for, &pair)?;
+            let (program, firmware) = (model::build(board)?, build(board)?);
+            LiveBoard::modelled(board, &program, &firmware, &pair, link)?
+        } else {
+            let request = pair.live_request(self.source.preset, &self.source.faults)?;
+            request.config().validate()?;
+            let firmware = build(board)?;
+            ensure_fits(board, &firmware, &pair, &request)?;
+            LiveBoard::emulated(board, &firmware, &[pair], &request, link)?
+        };
         write_output(format!("link {}\n", live.address()).as_bytes())?;
         io::stdout()
             .flush()
