@@ -106,6 +106,25 @@ pub fn write_files<P: AsRef<Path>>(files: &[(P, Vec<u8>)]) -> Result<()> {
     Ok(())
 }
 
+/// Writes a file as [`write_files`] does, bit by bit, as `fill` gives it: whole or not at all.
+///
+/// # Errors
+/// Fails as `fill` does, or with one line that names the file and the reason.
+pub fn write_gradually<T>(path: &Path, fill: impl FnOnce(&mut fs::File) -> Result<T>) -> Result<T> {
+    let cannot_write = || format!("cannot write {}", shown(path));
+    if is_special(path) {
+        let file = fs::OpenOptions::new().write(true).open(path);
+        return fill(&mut file.with_context(cannot_write)?);
+    }
+    let _guard = without_temporary_files();
+    let target = destination(path);
+    let mut file = write_beside(&target, &[]).with_context(cannot_write)?;
+    let filled = fill(file.as_file_mut())?;
+    let kept = file.persist(target).map_err(|error| error.error);
+    kept.with_context(cannot_write)?;
+    Ok(filled)
+}
+
 /// Returns the names and the contents of these files of text.
 ///
 /// # Errors

@@ -3,6 +3,7 @@
 
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result};
 use clap::Parser;
@@ -79,6 +80,37 @@ fn is_closed_pipe(error: &anyhow::Error) -> bool {
     cause.is_some_and(|error| error.kind() == ErrorKind::BrokenPipe)
 }
 
+/// Whether the command that runs looks for [`Interrupts`], and whether one has come.
+static IS_HEEDED: AtomicBool = AtomicBool::new(false);
+static HAS_COME: AtomicBool = AtomicBool::new(false);
+
+/// While this lives, the first interrupt or request to end does not end the process: the command looks
+/// for it, and ends well. Where signals cannot be caught, they end the process as ever.
+#[derive(Debug)]
+pub struct Interrupts(());
+
+impl Interrupts {
+    /// Heeds them from now on.
+    #[must_use]
+    pub fn heeded() -> Self {
+        HAS_COME.store(false, Ordering::Relaxed);
+        IS_HEEDED.store(true, Ordering::Relaxed);
+        Self(())
+    }
+
+    /// Whether one has come.
+    #[must_use]
+    pub fn have_come(&self) -> bool {
+        HAS_COME.load(Ordering::Relaxed)
+    }
+}
+
+impl Drop for Interrupts {
+    fn drop(&mut self) {
+        IS_HEEDED.store(false, Ordering::Relaxed);
+    }
+}
+
 /// Lets an interrupt or a request to end wait until no temporary file is left. Where signals
 /// cannot be caught, they end the process as ever.
 fn leave_nothing_behind() {
@@ -86,6 +118,10 @@ fn leave_nothing_behind() {
     if let Ok(mut signals) = Signals::new([SIGINT, SIGTERM]) {
         std::thread::spawn(move || {
             for signal in signals.forever() {
+                // The second one ends a command that does not heed the first.
+                if IS_HEEDED.load(Ordering::Relaxed) && !HAS_COME.swap(true, Ordering::Relaxed) {
+                    continue;
+                }
                 // Kept until the process has ended, which shells see as by the signal.
                 let _guard = without_temporary_files();
                 let _ = signal_hook::low_level::emulate_default_handler(signal);

@@ -15,6 +15,8 @@ pub mod eval;
 pub mod exposure;
 pub mod matching;
 pub mod presets_table;
+pub mod record;
+pub mod replay;
 pub mod sweep;
 pub mod view;
 pub mod wall;
@@ -57,6 +59,10 @@ enum Command {
     Presets(presets_table::Presets),
     /// Show what a stereo camera sends, live, on a page in the browser.
     View(Box<view::View>),
+    /// Record what a stereo camera sends: the bytes of its link, with the times at which they came.
+    Record(record::Record),
+    /// Play a recording to whatever reads a board, or take its bytes out.
+    Replay(replay::Replay),
     /// Print completions for a shell, to be sourced or put where it looks for them.
     Completions {
         /// The shell.
@@ -85,6 +91,8 @@ impl CommandLine {
             Command::Wall(wall) => wall.run()?,
             Command::Presets(presets) => presets.run()?,
             Command::View(view) => view.run()?,
+            Command::Record(record) => record.run()?,
+            Command::Replay(replay) => return replay.run(),
             Command::Completions { shell } => {
                 let mut script = Vec::new();
                 let mut command = Self::command();

@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
-use vgstereo_link::HostMessage;
 use vgstereo_link::board::Outcome;
+use vgstereo_link::{BoardMessage, HostMessage, Packet};
 
 use super::board::{Board, Change, Frame, outcome_name};
 use super::client::{Client, Memory};
@@ -18,6 +18,37 @@ const PATIENCE: Duration = Duration::from_secs(30);
 /// it started may be lost.
 const HELLO_WAIT: Duration = Duration::from_secs(2);
 
+/// Learns of all that a board sends, as it comes.
+pub trait Observer: std::fmt::Debug {
+    /// Bytes have come, at this time, ns since 1970; `None` where it is not known.
+    ///
+    /// # Errors
+    /// Fails where they cannot be dealt with.
+    fn bytes(&mut self, _arrived_ns: Option<u64>, _bytes: &[u8]) -> Result<()> {
+        Ok(())
+    }
+
+    /// A packet is whole. The board is as it was before.
+    ///
+    /// # Errors
+    /// Fails where it cannot be dealt with.
+    fn packet(
+        &mut self,
+        _arrived_ns: Option<u64>,
+        _packet: &Packet<BoardMessage<'_>>,
+    ) -> Result<()> {
+        Ok(())
+    }
+
+    /// A frame has ended, of which lines may be missing.
+    ///
+    /// # Errors
+    /// Fails where it cannot be dealt with.
+    fn frame(&mut self, _arrived_ns: Option<u64>, _frame: &Frame, _board: &Board) -> Result<()> {
+        Ok(())
+    }
+}
+
 /// A board with all that it has told. Frames that come while an answer is waited for are kept.
 #[derive(Debug)]
 pub struct Attended<'m> {
@@ -27,8 +58,11 @@ pub struct Attended<'m> {
     pub board: Board,
     patience: Duration,
     frames: VecDeque<Box<Frame>>,
-    answers: VecDeque<(u32, Outcome)>,
+    /// The command that is waited for, and what became of it.
+    awaited: Option<u32>,
+    outcome: Option<Outcome>,
     end: Option<String>,
+    observer: Option<&'m mut dyn Observer>,
 }
 
 impl<'m> Attended<'m> {
@@ -46,6 +80,28 @@ impl<'m> Attended<'m> {
     /// # Errors
     /// As [`Attended::open`].
     pub fn connect(source: &Source, memory: &'m mut Memory, patience: Duration) -> Result<Self> {
+        Self::start(source, memory, patience, None)
+    }
+
+    /// Opens a source as [`Attended::open`] does. The observer learns of all that comes, from the first
+    /// byte on.
+    ///
+    /// # Errors
+    /// Fails with one line that names the source and the reason, or as the observer does.
+    pub fn observed(
+        source: &Source,
+        memory: &'m mut Memory,
+        observer: Option<&'m mut dyn Observer>,
+    ) -> Result<Self> {
+        Self::start(source, memory, PATIENCE, observer)
+    }
+
+    fn start(
+        source: &Source,
+        memory: &'m mut Memory,
+        patience: Duration,
+        observer: Option<&'m mut dyn Observer>,
+    ) -> Result<Self> {
         let name = source.name();
         let client = Client::new(source.open()?, memory).with_context(|| name.clone())?;
         let mut attended = Self {
@@ -54,8 +110,10 @@ impl<'m> Attended<'m> {
             board: Board::default(),
             patience,
             frames: VecDeque::new(),
-            answers: VecDeque::new(),
+            awaited: None,
+            outcome: None,
             end: None,
+            observer,
         };
         if !attended.client.is_recording() {
             attended.greet()?;
@@ -113,6 +171,14 @@ impl<'m> Attended<'m> {
         self.frames.clear();
     }
 
+    /// Sends a command and does not wait. To a recording, nothing is sent.
+    ///
+    /// # Errors
+    /// Fails when the port does not take it in time.
+    pub fn send(&mut self, message: &HostMessage<'_>) -> std::io::Result<()> {
+        self.client.send(message).map(|_| ())
+    }
+
     /// Sends a command and waits until the board has carried it out. `what` names it in errors.
     ///
     /// # Errors
@@ -122,14 +188,13 @@ impl<'m> Attended<'m> {
         let sent = self.client.send(message);
         let sent = sent.with_context(|| format!("{}: {what}", self.name))?;
         let sequence = sent.with_context(|| format!("{} takes no commands", self.name))?;
+        (self.awaited, self.outcome) = (Some(sequence), None);
         let asked = Instant::now();
         while asked.elapsed() < self.patience {
-            while let Some((answered, outcome)) = self.answers.pop_front() {
-                if answered == sequence {
-                    let (name, words) = (&self.name, outcome_name(outcome));
-                    ensure!(outcome == Outcome::Done, "{name}: {what}: {words}");
-                    return Ok(());
-                }
+            if let Some(outcome) = self.outcome.take() {
+                let (name, words) = (&self.name, outcome_name(outcome));
+                ensure!(outcome == Outcome::Done, "{name}: {what}: {words}");
+                return Ok(());
             }
             self.read()?;
         }
@@ -168,16 +233,29 @@ impl<'m> Attended<'m> {
             Received::Ended(reason) => {
                 ensure!(self.client.is_recording(), "{}: {reason}", self.name);
                 self.end = Some(reason);
+                return Ok(());
             }
+        }
+        let arrived_ns = self.client.arrived_ns();
+        if let Some(observer) = &mut self.observer {
+            observer.bytes(arrived_ns, self.client.bytes())?;
         }
         while let Some(received) = self.client.next_packet() {
             let Ok(packet) = received else { continue };
+            if let Some(observer) = &mut self.observer {
+                observer.packet(arrived_ns, &packet)?;
+            }
             match self.board.take(&packet) {
-                Some(Change::Ended(frame)) => self.frames.push_back(frame),
-                Some(Change::Answered { sequence, outcome }) => {
-                    self.answers.push_back((sequence, outcome));
+                Some(Change::Ended(frame)) => {
+                    if let Some(observer) = &mut self.observer {
+                        observer.frame(arrived_ns, &frame, &self.board)?;
+                    }
+                    self.frames.push_back(frame);
                 }
-                Some(Change::Introduced) | None => {}
+                Some(Change::Answered { sequence, outcome }) if self.awaited == Some(sequence) => {
+                    (self.awaited, self.outcome) = (None, Some(outcome));
+                }
+                Some(Change::Answered { .. } | Change::Introduced) | None => {}
             }
         }
         Ok(())

@@ -252,6 +252,12 @@ impl Board {
         RectifiedCamera::new(depth, camera.focal_q8, principal_q8)
     }
 
+    /// Whether lines of a frame have come whose end has not.
+    #[must_use]
+    pub fn is_amid_frame(&self) -> bool {
+        self.open.as_ref().is_some_and(Frame::has_lines)
+    }
+
     /// Gives the frame under way, if it is this one, a line, and counts lines that it does not
     /// take.
     fn line(&mut self, number: u32, take: impl FnOnce(&mut Frame) -> bool) {

@@ -7,6 +7,7 @@ use vgstereo_link::{
     Streams, memory_bytes,
 };
 
+use super::recording::Damage;
 use super::source::{Pace, Port, Received};
 
 /// Memory of the decoder: for pairs of lines as wide as there are.
@@ -69,6 +70,18 @@ impl<'m> Client<'m> {
     #[must_use]
     pub fn is_recording(&self) -> bool {
         self.port.is_recording
+    }
+
+    /// The time at which the bytes that were read last came, ns since 1970; `None` where it is not known.
+    #[must_use]
+    pub fn arrived_ns(&self) -> Option<u64> {
+        self.port.arrived_ns()
+    }
+
+    /// Where a recording is no longer whole, once it was read up to there.
+    #[must_use]
+    pub fn damage(&self) -> Option<&Damage> {
+        self.port.damage()
     }
 
     /// The pace of the port, if it is a recording that is played at that.

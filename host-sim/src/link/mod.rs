@@ -3,7 +3,8 @@
 //! [`source`] opens what the bytes come from, of which [`demo`] is a board in this process. A
 //! [`client`] makes messages of the bytes, and sends commands. [`board`] knows what the board has
 //! told, and [`plane`] collects the lines of its frames, of whose views [`pixels`] unpacks the pixels.
-//! [`attended`] joins them for programs that ask and wait.
+//! [`attended`] joins them for programs that ask and wait. [`recording`] keeps the bytes, and is a
+//! source of them in turn. [`tally`] says what came.
 
 pub mod attended;
 pub mod board;
@@ -11,4 +12,6 @@ pub mod client;
 pub mod demo;
 pub mod pixels;
 pub mod plane;
+pub mod recording;
 pub mod source;
+pub mod tally;

@@ -2,16 +2,17 @@
 //! that is started for it.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
+use std::io::{BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::net::{TcpStream, ToSocketAddrs};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, Result, bail, ensure};
 
 use super::demo;
+use super::recording::{Damage, Recording, is_mcap};
 use crate::escapes::shown;
 
 /// For how long [`Port::read`] waits for bytes. Commands wait no longer than this.
@@ -22,6 +23,8 @@ const WRITE_WAIT: Duration = Duration::from_secs(1);
 const CONNECT_WAIT: Duration = Duration::from_secs(5);
 /// Pauses in a recording are not longer than this.
 const PAUSE_MAX: Duration = Duration::from_secs(1);
+/// Bytes that are read at once of a file that is played at its pace and has no times of arrival.
+const PACED_BYTES: usize = 1 << 10;
 /// For how long a started board may go on after its standard input has closed.
 const END_WAIT: Duration = Duration::from_secs(2);
 
@@ -37,7 +40,7 @@ pub enum Source {
     },
     /// A host and a port.
     Tcp(String),
-    /// Recorded bytes of the link.
+    /// A recording, or bytes of the link without times of arrival.
     File {
         /// Path of the file.
         path: PathBuf,
@@ -53,13 +56,51 @@ pub enum Source {
 /// An open source.
 #[derive(Debug)]
 pub struct Port {
-    stream: Box<dyn Stream>,
+    input: Input,
+    /// Tells when bytes come.
+    clock: Clock,
+    arrived_ns: Option<u64>,
     /// Whether it is a recording: it has an end, and takes no commands.
     pub is_recording: bool,
     /// The pace of a recording's packets.
     pub pace: Option<Pace>,
     /// The process of a board that was started for it.
     _board: Option<BoardProcess>,
+}
+
+/// What the bytes of a port come from.
+#[derive(Debug)]
+enum Input {
+    /// A board, or bytes of the link in a file.
+    Stream(Box<dyn Stream>),
+    /// A recording.
+    Recording(Box<Recording<BufReader<File>>>),
+}
+
+/// A clock of the time since 1970 that never goes back.
+#[derive(Debug, Clone, Copy)]
+struct Clock {
+    begun: Instant,
+    begun_ns: u64,
+}
+
+impl Clock {
+    fn start() -> Self {
+        let since = SystemTime::now().duration_since(UNIX_EPOCH);
+        Self {
+            begun: Instant::now(),
+            begun_ns: nanoseconds(since.unwrap_or_default()),
+        }
+    }
+
+    fn now_ns(&self) -> u64 {
+        self.begun_ns
+            .saturating_add(nanoseconds(self.begun.elapsed()))
+    }
+}
+
+fn nanoseconds(duration: Duration) -> u64 {
+    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }
 
 /// Bytes in both directions.
@@ -129,12 +170,10 @@ impl Source {
             }
             Self::Tcp(address) => Box::new(connect(address)?),
             Self::File { path, is_fast } => {
-                let file = File::open(path).with_context(|| shown(path).to_string())?;
                 return Ok(Port {
-                    stream: Box::new(file),
                     is_recording: true,
                     pace: (!is_fast).then(Pace::default),
-                    _board: None,
+                    ..Port::of(Input::open(path).with_context(|| shown(path))?)
                 });
             }
             Self::Board(name) => {
@@ -142,12 +181,27 @@ impl Source {
                 let stream = Box::new(connect(&address)?);
                 return Ok(Port {
                     _board: Some(board),
-                    ..Port::live(stream)
+                    ..Port::of(Input::Stream(stream))
                 });
             }
             Self::Demo => Box::new(demo::start()?),
         };
-        Ok(Port::live(stream))
+        Ok(Port::of(Input::Stream(stream)))
+    }
+}
+
+impl Input {
+    /// Opens a file of either kind.
+    fn open(path: &Path) -> Result<Self> {
+        let mut file = File::open(path)?;
+        let mut head = Vec::new();
+        (&mut file).take(8).read_to_end(&mut head)?;
+        file.seek(SeekFrom::Start(0))?;
+        if is_mcap(&head) {
+            let recording = Recording::new(BufReader::new(file))?;
+            return Ok(Self::Recording(Box::new(recording)));
+        }
+        Ok(Self::Stream(Box::new(file)))
     }
 }
 
@@ -209,9 +263,11 @@ impl Write for SerialStream {
 }
 
 impl Port {
-    fn live(stream: Box<dyn Stream>) -> Self {
+    fn of(input: Input) -> Self {
         Self {
-            stream,
+            input,
+            clock: Clock::start(),
+            arrived_ns: None,
             is_recording: false,
             pace: None,
             _board: None,
@@ -220,9 +276,28 @@ impl Port {
 
     /// Reads what has come, and waits a moment if nothing has.
     pub fn read(&mut self, bytes: &mut [u8]) -> Received {
-        match self.stream.read(bytes) {
+        let stream = match &mut self.input {
+            Input::Stream(stream) => stream,
+            Input::Recording(recording) => {
+                return match recording.read(bytes) {
+                    0 => Received::Ended("the recording has ended".to_owned()),
+                    count => {
+                        self.arrived_ns = recording.arrived_ns();
+                        Received::Bytes(count)
+                    }
+                };
+            }
+        };
+        let length = match &self.pace {
+            Some(_) => bytes.len().min(PACED_BYTES),
+            None => bytes.len(),
+        };
+        match stream.read(&mut bytes[..length]) {
             Ok(0) => Received::Ended("the other end has closed".to_owned()),
-            Ok(count) => Received::Bytes(count),
+            Ok(count) => {
+                self.arrived_ns = (!self.is_recording).then(|| self.clock.now_ns());
+                Received::Bytes(count)
+            }
             Err(error) => match error.kind() {
                 ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted => {
                     Received::Nothing
@@ -232,15 +307,31 @@ impl Port {
         }
     }
 
+    /// The time at which the bytes that were read last came, ns since 1970: now, or when they were
+    /// recorded. `None` where it is not known, of bytes of the link in a file.
+    #[must_use]
+    pub fn arrived_ns(&self) -> Option<u64> {
+        self.arrived_ns
+    }
+
+    /// Where a recording is no longer whole, once it was read up to there.
+    #[must_use]
+    pub fn damage(&self) -> Option<&Damage> {
+        match &self.input {
+            Input::Stream(_) => None,
+            Input::Recording(recording) => recording.damage(),
+        }
+    }
+
     /// Sends bytes. To a recording, nothing is sent.
     ///
     /// # Errors
     /// Fails when they are not taken in time, or no longer can be.
     pub fn write(&mut self, bytes: &[u8]) -> std::io::Result<()> {
-        if self.is_recording {
-            return Ok(());
+        match &mut self.input {
+            Input::Stream(stream) if !self.is_recording => stream.write_all(bytes),
+            _ => Ok(()),
         }
-        self.stream.write_all(bytes)
     }
 }
 

@@ -70,6 +70,22 @@ struct Connection<'m> {
     failure: Option<String>,
 }
 
+/// Why a source has ended.
+struct End {
+    reason: String,
+    /// Of a recording, where it is no longer whole.
+    damage: Option<String>,
+}
+
+impl End {
+    fn for_reason(reason: String) -> Self {
+        Self {
+            reason,
+            damage: None,
+        }
+    }
+}
+
 impl Reader {
     /// A reader that publishes to this hub and takes commands from this end of it. `calibrated` is
     /// the camera that disparities are seen with, where the board tells none.
@@ -109,12 +125,12 @@ impl Reader {
             if let Some(open) = port.take() {
                 self.tell(SourceKind::Connected, None);
                 let is_recording = open.is_recording;
-                let reason = self.serve(open);
+                let end = self.serve(open);
                 if is_recording {
-                    self.tell(SourceKind::Ended, None);
+                    self.tell(SourceKind::Ended, end.damage);
                 } else {
                     self.board.disconnect();
-                    self.tell(SourceKind::Lost, Some(reason));
+                    self.tell(SourceKind::Lost, Some(end.reason));
                 }
             }
             let tried = Instant::now();
@@ -152,11 +168,11 @@ impl Reader {
     }
 
     /// Reads an open source to its end, and returns why it has ended.
-    fn serve(&mut self, port: Port) -> String {
+    fn serve(&mut self, port: Port) -> End {
         let mut memory = Memory::default();
         let client = match Client::new(port, &mut memory) {
             Ok(client) => client,
-            Err(error) => return error.to_string(),
+            Err(error) => return End::for_reason(error.to_string()),
         };
         let mut connection = Connection {
             client,
@@ -176,7 +192,10 @@ impl Reader {
                     self.is_changed = true;
                 }
                 Received::Nothing => {}
-                Received::Ended(reason) => return reason,
+                Received::Ended(reason) => {
+                    let damage = connection.client.damage().map(ToString::to_string);
+                    return End { reason, damage };
+                }
             }
             self.packets.counters = connection.client.counters();
             while let Ok(command) = self.requests.try_recv() {
@@ -197,7 +216,7 @@ impl Reader {
             self.expire();
             self.publish();
             if let Some(reason) = connection.failure.take() {
-                return reason;
+                return End::for_reason(reason);
             }
         }
     }

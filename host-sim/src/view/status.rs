@@ -40,7 +40,7 @@ pub struct SourceStatus {
     pub name: String,
     /// Whether bytes can come, or have all come.
     pub kind: SourceKind,
-    /// Why not, if they cannot.
+    /// Why not, if they cannot; of a recording, where it is no longer whole.
     pub reason: Option<String>,
 }
 

@@ -12,6 +12,7 @@ mod joined;
 mod matching;
 mod outputs;
 mod points;
+mod recording;
 mod scripted;
 mod view;
 mod wall;

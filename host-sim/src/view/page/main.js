@@ -278,7 +278,11 @@ function onStatus(status) {
   run.firstChild.textContent = isRunning ? "Stop" : "Start";
   press($("pattern"), state?.source === 1);
   for (const id of ["run", "pattern"]) $(id).disabled = !state || source.kind !== "connected";
-  notice(source.kind === "lost" ? `The source is lost and tried again every second: ${source.reason}` : null);
+  const ends = {
+    lost: `The source is lost and tried again every second: ${source.reason}`,
+    ended: source.reason && `The recording is damaged: ${source.reason}`,
+  };
+  notice(ends[source.kind] ?? null);
   if (!before || JSON.stringify(before.board) !== JSON.stringify(status.board) || !!before.camera !== !!status.camera) draw();
   else mark();
 }
