@@ -163,8 +163,16 @@ impl Page<'_> {
     /// # Errors
     /// Fails when it does not become true in time.
     pub fn wait_until(&mut self, expression: &str) -> Result<()> {
+        self.wait_long_until(expression, WAIT)
+    }
+
+    /// Waits as [`Page::wait_until`] does, for so long.
+    ///
+    /// # Errors
+    /// Fails when it does not become true in time.
+    pub fn wait_long_until(&mut self, expression: &str, longest: Duration) -> Result<()> {
         let started = Instant::now();
-        while started.elapsed() < WAIT {
+        while started.elapsed() < longest {
             if self.evaluate(expression).is_ok_and(|value| value == true) {
                 return Ok(());
             }

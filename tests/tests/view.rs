@@ -18,8 +18,9 @@ use serde_json::{Value, json};
 use vgstereo_boards::board::{Board, STM32F405};
 use vgstereo_boards::bridge::Damage;
 use vgstereo_boards::build::build;
-use vgstereo_boards::host;
+use vgstereo_boards::host::{self, Frames};
 use vgstereo_boards::live::{Link, LiveBoard};
+use vgstereo_boards::model;
 use vgstereo_boards::pair::Pair;
 use vgstereo_boards::toolchain::ensure_complete;
 use vgstereo_core::{DisparityRange, Preset};
@@ -45,6 +46,8 @@ const CAMERA: Camera = Camera {
 };
 /// Longest time in which a board is built.
 const LONGEST_BUILD: Duration = Duration::from_secs(600);
+/// Longest time that a frame of a board takes, on the model of a chip.
+const LONGEST_FRAME: Duration = Duration::from_secs(400);
 const SIZE: [u32; 2] = [1280, 800];
 const PICTURE_SIZE: [u32; 2] = [1280, 930];
 
@@ -86,6 +89,17 @@ fn main() {
         let is_missing = is_missing || ensure_complete(&[board]).is_err();
         let trial = Trial::test(format!("{}::shows_a_damaged_link", board.name), trial);
         trials.push(trial.with_ignored_flag(is_missing));
+    }
+    for board in Board::modelled() {
+        let (browser, command) = (Arc::clone(&browser), command.clone());
+        let trial = move || {
+            run(&browser, command.as_ref(), |browser| {
+                shows_a_modelled_board(&board, browser)
+            })
+        };
+        // It takes minutes, and is ignored unless it is asked for.
+        let trial = Trial::test(format!("{}::shows_a_damaged_link", board.name), trial);
+        trials.push(trial.with_ignored_flag(true));
     }
     let is_missing = is_missing || ensure_complete(&[STM32F405]).is_err();
     let (shared, named) = (Arc::clone(&browser), command.clone());
@@ -362,52 +376,92 @@ fn counts_damage_and_goes_on(browser: &mut Browser) -> Result<()> {
     page.wait_until("document.getElementById('faults').textContent === '5'")
 }
 
-/// The page shows values of emulated boards that equal those that the host computes, counts a byte that was
-/// dropped and one in which a bit was flipped, and shows whole frames after them.
-fn shows_a_damaged_link(board: &Board, browser: &mut Browser) -> Result<()> {
-    let (width, height) = (64, 40);
-    let pair = Pair::rendered(width, height, 16);
-    let request = pair.live_request(Preset::Lite, &[])?;
-    let (expected, _) = host::run(&pair, &pair.request(Preset::Lite, 1, &[])?)?;
-    let link = Link {
+/// The damage of a board's bytes on their way to the page: amid its first frame.
+fn damaged_link() -> Link {
+    Link {
         address: ([127, 0, 0, 1], 0).into(),
         damage: Damage {
             dropped: vec![3_000],
             flipped: vec![9_000],
         },
-    };
+    }
+}
+
+/// An emulated board over a damaged link.
+fn shows_a_damaged_link(board: &Board, browser: &mut Browser) -> Result<()> {
+    let pair = Pair::rendered(64, 40, 16);
+    let request = pair.live_request(Preset::Lite, &[])?;
+    let (expected, _) = host::run(&pair, &pair.request(Preset::Lite, 1, &[])?)?;
     let firmware = build(board)?;
-    let live = LiveBoard::emulated(board, &firmware, &[pair], &request, link)?;
+    let live = LiveBoard::emulated(board, &firmware, &[pair], &request, damaged_link())?;
+    let places = [(0, 0), (13, 5), (31, 20), (40, 33), (63, 39)];
+    shows_whole_frames_after_damage(
+        live,
+        &expected,
+        (64, &places),
+        "#disparity,confidence",
+        browser,
+    )
+}
+
+/// A real board on the model of its chip over a damaged link.
+fn shows_a_modelled_board(board: &Board, browser: &mut Browser) -> Result<()> {
+    let built_for = board.model.context("there is a model")?;
+    let pair = model::built_in_pair(&built_for);
+    let expected = model::expected(&built_for, &pair)?;
+    let (program, firmware) = (model::build(board)?, build(board)?);
+    let live = LiveBoard::modelled(board, &program, &firmware, &pair, damaged_link())?;
+    let width = built_for.size.0 as usize;
+    let places = [(0, 0), (100, 50), (160, 120), (300, 200), (319, 239)];
+    // Its serial port has room for disparities alone.
+    shows_whole_frames_after_damage(live, &expected, (width, &places), "#disparity", browser)
+}
+
+/// The page shows values that equal those that the host computes, at places in views of a width, counts a
+/// byte that was dropped and one in which a bit was flipped, and shows whole frames after them.
+fn shows_whole_frames_after_damage(
+    live: LiveBoard,
+    expected: &Frames,
+    (width, places): (usize, &[(usize, usize)]),
+    panels: &str,
+    browser: &mut Browser,
+) -> Result<()> {
     let address = view(&[&live.address().to_string()])?;
-    let mut page = browser.open(&format!("{address}#disparity,confidence"), SIZE)?;
+    let mut page = browser.open(&format!("{address}{panels}"), SIZE)?;
     let counter = |name: &str| {
         format!("+document.querySelector('#counters [data-name=\"{name}\"]')?.textContent")
     };
     // A host that comes amid a packet has one more that is broken, which does not count as lost.
-    page.wait_until(&format!("{} >= 2", counter("packets lost")))?;
+    page.wait_long_until(&format!("{} >= 2", counter("packets lost")), LONGEST_FRAME)?;
     ensure!(page.evaluate(&format!("{} >= 2", counter("packets broken")))? == true);
     let whole = page.evaluate(&counter("frames whole"))?;
-    page.wait_until(&format!("{} > {whole}", counter("frames whole")))?;
+    let more = format!("{} > {whole}", counter("frames whole"));
+    page.wait_long_until(&more, LONGEST_FRAME)?;
     page.wait_until("vgstereo.frame.is_whole")?;
     let expected_q4 = expected.disparities_q4();
-    for (x, y) in [(0, 0), (13, 5), (31, 20), (40, 33), (63, 39)] {
+    for &(x, y) in places {
         let shown = values_at(&mut page, "disparity", x, y)?;
-        let at = y * width as usize + x;
+        let at = y * width + x;
         let disparity = match expected_q4[at] {
             i16::MIN => "none".to_owned(),
             q4 => q4.to_string(),
         };
-        let confidence = expected.confidences[at].to_string();
         ensure!(
-            shown["disparity_q4"] == disparity && shown["confidence"] == confidence,
-            "{x}, {y}: {shown} is not {disparity}, {confidence}"
+            shown["disparity_q4"] == disparity,
+            "{x}, {y}: {shown} is not {disparity}"
+        );
+        let confidence = expected.confidences[at].to_string();
+        let is_shown = panels.contains("confidence");
+        ensure!(
+            !is_shown || shown["confidence"] == confidence,
+            "{x}, {y}: {shown} is not {confidence}"
         );
     }
     // A whole frame, value by value.
     page.evaluate("document.querySelector('[data-key=f]').click()")?;
     let values = page.evaluate("[...vgstereo.frame.planes.disparities.values]")?;
     let values: Vec<i16> = serde_json::from_value(values)?;
-    ensure!(values == expected_q4, "{}: the frame differs", board.name);
+    ensure!(values == expected_q4, "the frame differs");
     drop(live);
     page.wait_until("!document.getElementById('notice').hidden")
 }
