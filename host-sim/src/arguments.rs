@@ -156,6 +156,9 @@ impl RectifiedViews {
     }
 }
 
+/// Speed of a serial port unless another is given, bits per second.
+pub const BAUD: u32 = 2_000_000;
+
 /// Options that name the board whose link a command speaks, or recorded bytes of one.
 #[derive(Debug, Clone, Args)]
 pub struct SourceOptions {
@@ -168,7 +171,7 @@ pub struct SourceOptions {
     #[arg(long, value_name = "NAME", conflicts_with_all = ["source", "demo"])]
     board: Option<String>,
     /// Speed of a serial port, bits per second.
-    #[arg(long, value_name = "N", default_value_t = 2_000_000)]
+    #[arg(long, value_name = "N", default_value_t = BAUD)]
     baud: u32,
 }
 

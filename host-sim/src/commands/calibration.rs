@@ -1,17 +1,24 @@
-//! `vgstereo calibration`: makes the rectification of a pair of cameras from its calibration files.
+//! `vgstereo calibration`: makes the rectification of a pair of cameras from its calibration files, for a
+//! device, to which it can send it.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::Args;
-use vgstereo_core::geometry::Rectifier;
+use vgstereo_core::geometry::{Rectification, Rectifier};
 
-use crate::arguments::{RectifiedViews, parse_size};
+use crate::arguments::{BAUD, RectifiedViews, parse_size};
 use crate::calibration::{ERROR_MAX_PX, Rectified, rectify};
-use crate::escapes::shown;
+use crate::cameras::Cameras;
+use crate::escapes::{shown, shown_name};
 use crate::files::{ensure_distinct_outputs, read_all, write_files};
+use crate::link::attended::Attended;
+use crate::link::client::Memory;
+use crate::link::source::Source;
+use crate::link::upload::upload;
 use crate::tables::kib;
+use crate::terminal::progress_bar;
 
 /// The arguments of `vgstereo calibration`.
 #[derive(Debug, Args)]
@@ -23,7 +30,9 @@ use crate::tables::kib;
     Matrices of OpenCV and NumPy have the usual names: M1 K1 cameraMatrix1 camera_matrix_left\n\
     mtxL, D1 dist1 distCoeffs1, R, T, R1 R2 P1 P2. The entry fisheye_model: 1 makes fisheye\n\
     lenses of four coefficients, and translation_unit: mm states the unit.\n\n\
-    Example: vgstereo calibration intrinsics.yml extrinsics.yml --size 640x480 --unit cm --out cal.vgr"
+    A rectification that was made before is read as well, to be sent.\n\n\
+    A file for a device:  vgstereo calibration intrinsics.yml extrinsics.yml --size 640x480 --unit cm --out cal.vgr\n\
+    To a board:           vgstereo calibration calibration.yml --send /dev/ttyACM0"
 )]
 pub struct Calibration {
     /// Calibration files of one pair of cameras; of two files of a camera each, the left one first.
@@ -40,34 +49,83 @@ pub struct Calibration {
     /// The same as a Rust source, `pub static CALIBRATION`.
     #[arg(long, value_name = "FILE")]
     rust: Option<PathBuf>,
+    /// Send the rectification to a board, at a serial port or HOST:PORT, which stores it.
+    #[arg(long, value_name = "SOURCE")]
+    send: Option<String>,
+    /// Speed of the serial port, bits per second.
+    #[arg(long, value_name = "N", default_value_t = BAUD, requires = "send")]
+    baud: u32,
 }
 
 impl Calibration {
-    /// Makes the rectification, writes it and returns the text to print.
+    /// Makes the rectification, writes it, sends it and returns the text to print.
     ///
     /// # Errors
-    /// Fails with one line that names the file or option and the reason. Nothing is written then.
+    /// Fails with one line that names the file, option or board and the reason. Nothing is written then,
+    /// unless the board fails: files are written before.
     pub fn run(self) -> Result<String> {
         let inputs: Vec<&Path> = self.files.iter().map(PathBuf::as_path).collect();
         let inputs = [inputs, self.views.files()].concat();
         let outputs = self.out.iter().chain(&self.rust);
         let outputs: Vec<&Path> = outputs.map(PathBuf::as_path).collect();
         ensure_distinct_outputs(&inputs, &outputs).context("--out, --rust")?;
-        let made = rectify(&read_all(&self.files)?, &self.views.options(self.size)?)?;
-        let mut text = summary(&made)?;
+        let source = self.send.as_deref();
+        let source = source
+            .map(|name| Source::parse(name, self.baud, true))
+            .transpose()
+            .context("--send")?;
+        let (bytes, mut text) = self.made()?;
         let mut written: Vec<(&Path, Vec<u8>)> = Vec::new();
         if let Some(path) = &self.out {
-            written.push((path, made.maps.bytes.clone()));
+            written.push((path, bytes.clone()));
         }
         if let Some(path) = &self.rust {
-            written.push((path, rust_source(&made.maps.bytes).into_bytes()));
+            written.push((path, rust_source(&bytes).into_bytes()));
         }
         write_files(&written)?;
         for (path, _) in &written {
             writeln!(text, "wrote {}", shown(path))?;
         }
+        if let Some(source) = source {
+            send(&source, &Rectification::from_bytes(&bytes)?).context("--send")?;
+            writeln!(
+                text,
+                "{} has stored the calibration, {} bytes",
+                shown_name(&source.name()),
+                bytes.len()
+            )?;
+        }
         Ok(text)
     }
+
+    /// The bytes of the rectification, made of the files or read, and what is to be said of it.
+    fn made(&self) -> Result<(Vec<u8>, String)> {
+        let files = read_all(&self.files)?;
+        match files.as_slice() {
+            [(_, bytes)] if bytes.starts_with(b"VGRF") && self.size.is_none() => {
+                let cameras = Cameras::read(&self.files, &self.views, None)?;
+                let text = cameras.told(&Rectification::from_bytes(bytes)?);
+                Ok((bytes.clone(), text))
+            }
+            files => {
+                let made = rectify(files, &self.views.options(self.size)?)?;
+                let text = summary(&made)?;
+                Ok((made.maps.bytes, text))
+            }
+        }
+    }
+}
+
+/// Sends a rectification to a board.
+fn send(source: &Source, rectification: &Rectification<'_>) -> Result<()> {
+    let mut memory = Memory::default();
+    let mut board = Attended::open(source, &mut memory)?;
+    let bar = progress_bar(rectification.bytes().len() as u64, "bytes sent");
+    let sent = upload(&mut board, rectification, |bytes| {
+        bar.set_position(bytes as u64)
+    });
+    bar.finish_and_clear();
+    sent
 }
 
 /// What was understood, and what it costs.

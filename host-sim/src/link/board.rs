@@ -46,6 +46,8 @@ pub struct Introduction {
     pub matched: View,
     /// The streams that can be sent.
     pub streams: Streams,
+    /// Bytes of the largest piece of a calibration; 0 if none can be stored.
+    pub piece_bytes_max: u16,
 }
 
 /// A line of the board's log.
@@ -292,6 +294,7 @@ impl Introduction {
             raw: hello.raw,
             matched: hello.matched,
             streams: hello.streams,
+            piece_bytes_max: hello.piece_bytes_max,
         }
     }
 }

@@ -8,23 +8,29 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
+use vgstereo_core::geometry::{Rectification, Rectifier};
 use vgstereo_core::{Config, DisparityRange, Matcher, Preset};
 use vgstereo_firmware::camera::{
     ErrorKind as CameraErrorKind, ErrorType, Geometry, Layout, LinePair, LinePairSource,
     PixelFormat,
 };
-use vgstereo_firmware::live::{self, LinkPort, Live, NoStore, Setup};
+use vgstereo_firmware::live::{self, LinkPort, Live, Next, RamStore, Setup};
 use vgstereo_firmware::{NoWatchdog, session};
 use vgstereo_kernels::NativeKernels;
 use vgstereo_link::{Selection, Streams};
 
 use crate::camera::SimulatedCamera;
 use crate::render::{RenderOptions, RenderedCameras, render};
+use crate::scene::Scene;
 
 /// Size of the views, px, and the largest disparity: those of the real boards.
 const OPTIONS: (u32, u32, u16) = (320, 240, 47);
 /// Time between frames.
 const FRAME_PERIOD: Duration = Duration::from_millis(100);
+/// Bytes of the largest calibration that it stores, until it ends.
+const CALIBRATION_BYTES_MAX: usize = 1 << 17;
+/// Words of 32 bits that it has for a rectifier.
+const RECTIFIER_WORDS: usize = 1 << 15;
 /// Bytes that may wait on either way.
 const BYTES_MAX: usize = 1 << 20;
 /// For how long a read waits for bytes.
@@ -169,7 +175,7 @@ pub fn start() -> Result<HostEnd> {
     Ok(HostEnd(wire))
 }
 
-/// Runs the board until the wire is cut.
+/// Runs the board until the wire is cut. With a calibration from the host it begins anew.
 fn run(wire: &Arc<Wire>) -> Result<()> {
     let (width, height, d_max) = OPTIONS;
     let options = RenderOptions {
@@ -179,44 +185,76 @@ fn run(wire: &Arc<Wire>) -> Result<()> {
         ..RenderOptions::default()
     };
     let scene = render(&options);
+    let mut calibration = None;
+    while !wire.is_cut.load(Ordering::Relaxed) {
+        calibration = serve(wire, &options, &scene, calibration.as_deref())?;
+    }
+    Ok(())
+}
+
+/// Runs the board with a calibration, or without, until the host has stored one, which is returned, or the
+/// wire is cut.
+fn serve(
+    wire: &Arc<Wire>,
+    options: &RenderOptions,
+    scene: &Scene,
+    calibration: Option<&[u8]>,
+) -> Result<Option<Vec<u8>>> {
     let camera = SimulatedCamera::new(
-        scene.left,
-        scene.right,
+        scene.left.clone(),
+        scene.right.clone(),
         Layout::SideBySide,
         PixelFormat::Grey8,
     )?;
     let geometry = camera.geometry();
     let preset = Preset::Micro;
+    let kernels = NativeKernels::fastest();
     let config = Config::new(
         preset.parameters(),
         geometry.width,
-        DisparityRange::up_to(d_max),
+        DisparityRange::up_to(options.d_max),
     );
     let mut memory = vec![0; config.memory_words()];
-    let matcher = Matcher::new(&config, NativeKernels::fastest(), &mut memory)?;
+    let matcher = Matcher::new(&config, kernels, &mut memory)?;
     let mut lines = vec![0; session::memory_words(&geometry)];
     let mut packets = vec![0; live::memory_words(&geometry, &config)];
+    let mut rectifier_memory = vec![0; RECTIFIER_WORDS];
+    let mut rectifier = match calibration {
+        Some(bytes) => Some(Rectifier::new(
+            Rectification::from_bytes(bytes)?,
+            config.colour,
+            kernels,
+            &mut rectifier_memory,
+        )?),
+        None => None,
+    };
+    let mut staging = vec![0; CALIBRATION_BYTES_MAX];
+    let mut store = RamStore::new(&mut staging, RECTIFIER_WORDS);
     let setup = Setup {
         port: BoardEnd(Arc::clone(wire)),
         device: "demo",
         firmware: env!("CARGO_PKG_VERSION"),
         preset: preset.name(),
-        camera: RenderedCameras::of(&options).rectified(),
+        camera: RenderedCameras::of(options).rectified(),
         selection: Selection::whole(Streams::DISPARITIES),
         is_started: false,
         clock,
         gap_us: 0,
-        store: NoStore,
+        store: &mut store,
         memory: &mut packets,
     };
     let camera = Paced {
         camera,
         due: Instant::now(),
     };
-    let mut live = Live::new(camera, None, matcher, &mut lines, NoWatchdog, setup)?;
+    let rectifier = rectifier.as_mut();
+    let mut live = Live::new(camera, rectifier, matcher, &mut lines, NoWatchdog, setup)?;
     while !wire.is_cut.load(Ordering::Relaxed) {
         // Every event is told over the link.
-        let _ = live.step();
+        if live.step() == Next::Calibrated {
+            break;
+        }
     }
-    Ok(())
+    drop(live);
+    Ok(store.take().map(<[u8]>::to_vec))
 }

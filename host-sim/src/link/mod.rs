@@ -3,8 +3,8 @@
 //! [`source`] opens what the bytes come from, of which [`demo`] is a board in this process. A
 //! [`client`] makes messages of the bytes, and sends commands. [`board`] knows what the board has
 //! told, and [`plane`] collects the lines of its frames, of whose views [`pixels`] unpacks the pixels.
-//! [`attended`] joins them for programs that ask and wait. [`recording`] keeps the bytes, and is a
-//! source of them in turn. [`tally`] says what came.
+//! [`attended`] joins them for programs that ask and wait, of which [`upload`] sends a calibration.
+//! [`recording`] keeps the bytes, and is a source of them in turn. [`tally`] says what came.
 
 pub mod attended;
 pub mod board;
@@ -15,3 +15,4 @@ pub mod plane;
 pub mod recording;
 pub mod source;
 pub mod tally;
+pub mod upload;

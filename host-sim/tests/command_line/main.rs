@@ -14,5 +14,6 @@ mod outputs;
 mod points;
 mod recording;
 mod scripted;
+mod sending;
 mod view;
 mod wall;
