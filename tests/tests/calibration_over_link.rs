@@ -41,8 +41,8 @@ const BOARD: Board = MPS2_AN500;
 const POSES: usize = 20;
 /// Pairs of pictures that the cameras are calibrated by.
 const PAIRS: &str = "16";
-/// Frames that are recorded.
-const RECORDED: usize = 2;
+/// Frames that are recorded. The first may be under way when the streams are selected.
+const RECORDED: usize = 3;
 const DISPARITIES: u16 = 60;
 /// Longest time that anything may take.
 const LONG: Duration = Duration::from_secs(120);
@@ -174,7 +174,7 @@ fn frames(poses: &Path) -> Result<Vec<Pair>> {
 }
 
 /// Checks that the recorded frames are what the host makes of the same views with the same calibration.
-fn check(recorded: &[Box<Frame>], frames: &[Pair], cameras: &[u8]) -> Result<()> {
+fn check(recorded: &[Frame], frames: &[Pair], cameras: &[u8]) -> Result<()> {
     ensure!(recorded.len() >= RECORDED, "{} frames", recorded.len());
     let camera = Rectification::from_bytes(cameras)?.camera(Reference::Left);
     let depth = camera.context("the baseline is known")?.depth();
@@ -202,12 +202,12 @@ fn check(recorded: &[Box<Frame>], frames: &[Pair], cameras: &[u8]) -> Result<()>
         ensure!(frame.rectified.is_some(), "no rectified views");
         checked += 1;
     }
-    ensure!(checked >= RECORDED, "{checked} whole frames");
+    ensure!(checked >= RECORDED - 1, "{checked} whole frames");
     Ok(())
 }
 
 /// All frames of a recording.
-fn all_frames(recording: &Path) -> Result<Vec<Box<Frame>>> {
+fn all_frames(recording: &Path) -> Result<Vec<Frame>> {
     let source = Source::File {
         path: recording.to_owned(),
         is_fast: true,
@@ -216,7 +216,7 @@ fn all_frames(recording: &Path) -> Result<Vec<Box<Frame>>> {
     let mut attended = Attended::open(&source, &mut memory)?;
     let mut frames = vec![];
     while let Some(frame) = attended.frame()? {
-        frames.push(frame);
+        frames.push(*frame);
     }
     Ok(frames)
 }

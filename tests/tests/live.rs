@@ -19,6 +19,7 @@ use vgstereo_boards::model;
 use vgstereo_boards::pair::Pair;
 use vgstereo_boards::toolchain;
 use vgstereo_core::Preset;
+use vgstereo_core::geometry::Rectification;
 use vgstereo_link::board::Outcome;
 use vgstereo_link::host::CalibrationPiece;
 use vgstereo_link::{
@@ -27,6 +28,7 @@ use vgstereo_link::{
 use vgstereo_sim::link::attended::Attended;
 use vgstereo_sim::link::client::Memory;
 use vgstereo_sim::link::source::Source;
+use vgstereo_sim::link::upload::upload;
 
 const WIDTH: usize = 64;
 const HEIGHT: usize = 40;
@@ -50,16 +52,14 @@ fn main() {
         let trial = Trial::test(name, move || serves_the_link(&board));
         trials.push(trial.with_ignored_flag(absent));
         let name = format!("{}::calibration", board.name);
-        let trial = Trial::test(name, move || {
-            takes_a_calibration(&board).map_err(|error| text(error).into())
-        });
+        let trial = Trial::test(name, move || takes_a_calibration(&board).map_err(text));
         trials.push(trial.with_ignored_flag(absent));
     }
     for board in Board::modelled() {
         // It takes minutes, and is ignored unless it is asked for.
         let name = format!("{}::calibration", board.name);
         let trial = Trial::test(name, move || {
-            keeps_a_calibration_in_flash(&board).map_err(|error| text(error).into())
+            keeps_a_calibration_in_flash(&board).map_err(text)
         });
         trials.push(trial.with_ignored_flag(true));
     }
@@ -490,8 +490,7 @@ fn calibrates(pair: &Pair, address: &str) -> anyhow::Result<()> {
 fn is_used_once_sent(host: &mut Attended<'_>, pair: &Pair, streams: Streams) -> anyhow::Result<()> {
     let bytes = pair.rectification.as_deref().unwrap();
     let crc32 = crc32_of(bytes);
-    let piece_bytes = hello(host, "piece_bytes_max").unwrap() as usize;
-    send_calibration(host, bytes, piece_bytes, crc32)?;
+    upload(host, &Rectification::from_bytes(bytes)?, |_| {})?;
     // The board has begun anew, and may have sent the first lines of a frame before that.
     while hello(host, "calibration_crc32") != Some(crc32.into()) {
         host.frame()?;
