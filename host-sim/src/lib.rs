@@ -2,7 +2,7 @@
 //! rendered scenes.
 //!
 //! From the bottom up: [`escapes`] makes names printable; [`files`], [`images`], [`pair_files`],
-//! [`pfm`], [`disparity_files`], [`depth_files`], [`point_files`], [`scan_files`] and
+//! [`pair_lists`], [`pfm`], [`disparity_files`], [`depth_files`], [`point_files`], [`scan_files`] and
 //! [`parameters`] read and write files. [`mod@calibration`] makes rectifications from calibration
 //! files. [`scene`] and [`views`] hold stereo pairs, [`mod@rectify`] rectifies them, [`dataset`]
 //! loads them, [`render`] makes one, and [`exposure`] and [`line_offset`] let the right camera
@@ -11,7 +11,7 @@
 //! tells what is wrong with a pair. [`chessboard`] tells whether a board of squares is seen whole. [`metrics`] measures disparities against ground truth,
 //! [`pictures`] shows them, [`published`] has results to compare with, and [`prepared`] joins a
 //! scene with its matching and measuring. [`mod@link`] is the host's end of a board's link, and
-//! [`mod@view`] shows what comes over it. [`arguments`], [`cameras`], [`tables`] and [`terminal`]
+//! [`mod@view`] shows what comes over it. [`arguments`], [`pair_arguments`], [`cameras`], [`tables`] and [`terminal`]
 //! serve the [`commands`] of `vgstereo`.
 
 pub mod arguments;
@@ -31,8 +31,10 @@ pub mod images;
 pub mod line_offset;
 pub mod link;
 pub mod metrics;
+pub mod pair_arguments;
 pub mod pair_check;
 pub mod pair_files;
+pub mod pair_lists;
 pub mod parameters;
 pub mod pfm;
 pub mod pictures;

@@ -9,6 +9,7 @@ mod fixture;
 mod general;
 mod images;
 mod joined;
+mod many;
 mod matching;
 mod outputs;
 mod points;
