@@ -33,7 +33,7 @@ const LOOK: Duration = Duration::from_millis(100);
 )]
 pub struct Live {
     /// The board: stm32f405, mps2-an500, riscv-virt, riscv-virt-zbb, or stm32h743 on its model, which takes
-    /// a minute for a frame.
+    /// some 15 s for a frame.
     #[arg(long, value_name = "B", value_parser = parse_executed_board)]
     board: Board,
     #[command(flatten)]
