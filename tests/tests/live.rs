@@ -6,6 +6,7 @@
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
+use std::slice;
 use std::time::{Duration, Instant};
 
 use image::imageops::flip_vertical;
@@ -41,6 +42,12 @@ const VERY_LONG: Duration = Duration::from_secs(600);
 /// Bytes that are left out and changed of those that are sent to hosts, amid the first frames.
 const DROPPED: u64 = 3_000;
 const FLIPPED: u64 = 9_000;
+
+/// All streams that a calibrated board makes of a frame.
+const ALL_MATCHED: Streams = Streams::RECTIFIED
+    .with(Streams::DISPARITIES)
+    .with(Streams::CONFIDENCES)
+    .with(Streams::DEPTHS);
 
 const DISPARITIES: Selection = Selection::whole(Streams::DISPARITIES.with(Streams::CONFIDENCES));
 
@@ -446,7 +453,22 @@ fn takes_a_calibration(board: &Board) -> anyhow::Result<()> {
     let calibrated = calibrates(&pair, &live.address().to_string());
     // Whatever was missed: the board's own reason is the better one.
     live.wait(Duration::ZERO)?;
-    calibrated
+    calibrated?;
+    drop(live);
+
+    // With the calibration from its start, as of `cargo firmware live --calibration`.
+    let request = pair.live_request(Preset::Lite, &[])?;
+    let link = Link {
+        address: "127.0.0.1:0".parse()?,
+        damage: Damage::default(),
+    };
+    let live = LiveBoard::emulated(board, &firmware, slice::from_ref(&pair), &request, link)?;
+    let source = Source::Tcp(live.address().to_string());
+    let mut memory = Memory::default();
+    let mut host = Attended::connect(&source, &mut memory, LONG)?;
+    let crc32 = crc32_of(pair.rectification.as_deref().unwrap());
+    assert_eq!(hello(&host, "calibration_crc32"), Some(crc32.into()));
+    sends_what_the_host_computes(&mut host, &pair, ALL_MATCHED)
 }
 
 /// Calibrates the board at this address, which sees this pair.
@@ -479,8 +501,7 @@ fn calibrates(pair: &Pair, address: &str) -> anyhow::Result<()> {
     // The same views by another calibration.
     let second = Pair::crooked(WIDTH as u16, HEIGHT as u16, 16, false)?;
     for pair in [pair, &second] {
-        let streams = Streams::RECTIFIED.with(Streams::DEPTHS);
-        is_used_once_sent(&mut host, pair, streams.with(Streams::CONFIDENCES))?;
+        is_used_once_sent(&mut host, pair, ALL_MATCHED)?;
     }
     Ok(())
 }
@@ -488,13 +509,21 @@ fn calibrates(pair: &Pair, address: &str) -> anyhow::Result<()> {
 /// Sends the calibration of a pair to a board that sees it, which then sends what the host makes of it.
 /// What is asked for besides disparities is compared as well.
 fn is_used_once_sent(host: &mut Attended<'_>, pair: &Pair, streams: Streams) -> anyhow::Result<()> {
-    let bytes = pair.rectification.as_deref().unwrap();
-    let crc32 = crc32_of(bytes);
-    upload(host, &Rectification::from_bytes(bytes)?, |_| {})?;
+    let rectification = Rectification::from_bytes(pair.rectification.as_deref().unwrap())?;
+    upload(host, &rectification, |_| {})?;
     // The board has begun anew, and may have sent the first lines of a frame before that.
-    while hello(host, "calibration_crc32") != Some(crc32.into()) {
+    while hello(host, "calibration_crc32") != Some(rectification.crc32().into()) {
         host.frame()?;
     }
+    sends_what_the_host_computes(host, pair, streams)
+}
+
+/// The next frame of a board that sees a pair and has its calibration is what the host makes of it.
+fn sends_what_the_host_computes(
+    host: &mut Attended<'_>,
+    pair: &Pair,
+    streams: Streams,
+) -> anyhow::Result<()> {
     let selection = HostMessage::Select(Selection::whole(streams.with(Streams::DISPARITIES)));
     host.command("select", &selection)?;
     host.drop_frames();
