@@ -6,7 +6,7 @@
 //! [`parameters`] read and write files. [`mod@calibration`] makes rectifications from calibration
 //! files. [`scene`] and [`views`] hold stereo pairs, [`mod@rectify`] rectifies them, [`dataset`]
 //! loads them, [`render`] makes one, and [`exposure`] and [`line_offset`] let the right camera
-//! differ from the left. [`camera`] and [`sink`] are the two ends of a firmware's session.
+//! differ from the left, and [`stress`] disturbs both. [`camera`] and [`sink`] are the two ends of a firmware's session.
 //! [`mod@frame`] matches whole frames with the kernels of `vgstereo-kernels`, and [`pair_check`]
 //! tells what is wrong with a pair. [`chessboard`] tells whether a board of squares is seen whole. [`metrics`] measures disparities against ground truth,
 //! [`pictures`] shows them, [`published`] has results to compare with, and [`prepared`] joins a
@@ -46,6 +46,7 @@ pub mod render;
 pub mod scan_files;
 pub mod scene;
 pub mod sink;
+pub mod stress;
 pub mod tables;
 pub mod terminal;
 pub mod view;

@@ -17,6 +17,7 @@ pub mod matching;
 pub mod presets_table;
 pub mod record;
 pub mod replay;
+pub mod stress;
 pub mod sweep;
 pub mod view;
 pub mod wall;
@@ -53,6 +54,8 @@ enum Command {
     Ablate(ablate::Ablate),
     /// Measure presets with the right camera exposed differently, on the built-in scene too.
     Exposure(exposure::ExposureWedge),
+    /// Measure presets on scenes that are disturbed: noise, blur, bands, JPEG, a turned camera.
+    Stress(stress::Stress),
     /// Measure the figures of depth cameras on a flat wall: fill rate, accuracy, noise.
     Wall(wall::Wall),
     /// Show each preset's parameters, working memory and latency.
@@ -88,6 +91,7 @@ impl CommandLine {
             Command::Sweep(sweep) => sweep.run()?,
             Command::Ablate(ablate) => ablate.run()?,
             Command::Exposure(wedge) => wedge.run()?,
+            Command::Stress(stress) => stress.run()?,
             Command::Wall(wall) => wall.run()?,
             Command::Presets(presets) => presets.run()?,
             Command::View(view) => view.run()?,

@@ -16,5 +16,6 @@ mod points;
 mod recording;
 mod scripted;
 mod sending;
+mod stress;
 mod view;
 mod wall;
