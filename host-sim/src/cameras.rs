@@ -10,6 +10,7 @@ use vgstereo_core::geometry::{Depth, Rectification, RectifiedCamera};
 use crate::arguments::{RectifiedViews, parse_point};
 use crate::calibration::rectify;
 use crate::files::read_all;
+use crate::terminal::note;
 
 /// The options that name the cameras of a pair of images.
 #[derive(Debug, Clone, Args)]
@@ -52,6 +53,12 @@ impl CameraOptions {
     pub fn files(&self) -> impl Iterator<Item = &Path> {
         let calibration = self.calibration.iter().map(PathBuf::as_path);
         calibration.chain(self.views.files())
+    }
+
+    /// Whether one of them is given.
+    #[must_use]
+    pub fn are_given(&self) -> bool {
+        self.focal.is_some() || !self.calibration.is_empty()
     }
 
     /// Reads the files, for images of this size, px; `None`: of that which the files state.
@@ -129,6 +136,44 @@ impl CameraOptions {
                  within that"
             )
         })
+    }
+}
+
+/// The options that name the camera that a board's disparities are seen with.
+#[derive(Debug, Clone, Args)]
+pub struct SeenWith {
+    /// Calibration of the cameras, as of `match`, for distances where the board does not tell its
+    /// camera.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    calibration: Vec<PathBuf>,
+    #[command(flatten)]
+    views: RectifiedViews,
+}
+
+impl SeenWith {
+    /// The files that are read.
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        let calibration = self.calibration.iter().map(PathBuf::as_path);
+        calibration.chain(self.views.files())
+    }
+
+    /// The left camera of `--calibration`, if that is given. Warnings go to standard error.
+    ///
+    /// # Errors
+    /// Fails with one line that names the file or option and the reason.
+    pub fn camera(&self) -> Result<Option<RectifiedCamera>> {
+        let cameras = Cameras::read(&self.calibration, &self.views, None)?;
+        let Some(bytes) = &cameras.rectification else {
+            return Ok(None);
+        };
+        let rectification = Rectification::from_bytes(bytes)?;
+        for warning in &cameras.warnings {
+            note(&format!("warning: {warning}"));
+        }
+        let camera = rectification.camera(Reference::Left);
+        camera
+            .map(Some)
+            .context("--calibration: the unit of the baseline is not known: give it with --unit")
     }
 }
 

@@ -1,18 +1,23 @@
 //! `vgstereo record`: keeps what a board sends.
 
 use std::fs::File;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use indicatif::HumanBytes;
-use vgstereo_link::{HostMessage, Selection, Streams};
+use vgstereo_core::geometry::RectifiedCamera;
+use vgstereo_link::{BoardMessage, HostMessage, Packet, Selection, Streams};
 
 use crate::arguments::SourceOptions;
+use crate::cameras::SeenWith;
 use crate::escapes::shown;
+use crate::files::ensure_distinct_outputs;
 use crate::link::attended::{Attended, Observer};
+use crate::link::board::{Board, Frame};
 use crate::link::client::Memory;
+use crate::link::exporter::Exporter;
 use crate::link::recording::Recorder;
 use crate::link::source::Source;
 use crate::link::tally::Tally;
@@ -31,6 +36,7 @@ const SHOWN_EVERY: Duration = Duration::from_millis(100);
     A board's disparities:  vgstereo record /dev/ttyACM0 walk.mcap\n\
     Pairs for a minute:     vgstereo record /dev/ttyACM0 pairs.mcap --streams raw --seconds 60\n\
     No board at all:        vgstereo record --demo demo.mcap --frames 20\n\
+    For Foxglove as well:   vgstereo record /dev/ttyACM0 walk.mcap --mcap foxglove.mcap\n\
     See it again:           vgstereo view walk.mcap"
 )]
 pub struct Record {
@@ -49,6 +55,12 @@ pub struct Record {
     /// End after so many seconds.
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     seconds: Option<f64>,
+    /// Also write images, depths, clouds, scans and the log as messages of Foxglove's schemas to this new
+    /// file, for Foxglove and the tools of ROS 2. `replay --mcap` makes one of a recording, later.
+    #[arg(long, value_name = "FILE")]
+    mcap: Option<PathBuf>,
+    #[command(flatten)]
+    seen_with: SeenWith,
 }
 
 /// All streams that there may be.
@@ -73,19 +85,100 @@ fn names(streams: Streams) -> String {
     names.join(", ")
 }
 
-/// Keeps the bytes that come.
+/// Keeps what comes.
 #[derive(Debug)]
-struct Keeper {
-    recorder: Recorder<File>,
-    /// The name of the file.
-    name: String,
+struct Keeper<'p> {
+    recording: (&'p Path, Recorder<File>),
+    exported: Option<(&'p Path, Exporter<File>)>,
 }
 
-impl Observer for Keeper {
+fn cannot_write(path: &Path) -> String {
+    format!("cannot write {}", shown(path))
+}
+
+impl<'p> Keeper<'p> {
+    /// Makes the files.
+    fn create(
+        recording: &'p Path,
+        exported: Option<&'p Path>,
+        calibrated: Option<RectifiedCamera>,
+    ) -> Result<Self> {
+        let recorder = Recorder::create(recording)?;
+        let exporter = exported.map(|path| {
+            let file = File::create_new(path).with_context(|| cannot_write(path))?;
+            let exporter = Exporter::new(file, calibrated).with_context(|| cannot_write(path))?;
+            anyhow::Ok((path, exporter))
+        });
+        let exported = exporter.transpose();
+        if exported.is_err() {
+            remove(recording);
+        }
+        Ok(Self {
+            recording: (recording, recorder),
+            exported: exported?,
+        })
+    }
+
+    /// Ends the files and returns a line for each.
+    fn finish(self, elapsed: Duration) -> Result<String> {
+        let (path, recorder) = self.recording;
+        let mut text = format!(
+            "wrote {}: {:.1} s, {} of the link in {} records\n",
+            shown(path),
+            elapsed.as_secs_f64(),
+            HumanBytes(recorder.bytes()),
+            recorder.records()
+        );
+        recorder.finish().with_context(|| cannot_write(path))?;
+        if let Some((path, exporter)) = self.exported {
+            let told = exporter.finish().with_context(|| cannot_write(path))?;
+            text += &format!("wrote {}: {told}\n", shown(path));
+        }
+        Ok(text)
+    }
+
+    /// Removes the files.
+    fn discard(self) {
+        let paths = [
+            Some(self.recording.0),
+            self.exported.as_ref().map(|(path, _)| *path),
+        ];
+        // They are closed first, which not every system can do without.
+        drop(self);
+        paths.into_iter().flatten().for_each(remove);
+    }
+}
+
+/// Removes a file that was made in vain.
+fn remove(path: &Path) {
+    // What cannot be removed stays, and the reason for removing it is told.
+    let _ = std::fs::remove_file(path);
+}
+
+impl Observer for Keeper<'_> {
     fn bytes(&mut self, arrived_ns: Option<u64>, bytes: &[u8]) -> Result<()> {
+        let (path, recorder) = &mut self.recording;
         // A board has a time of arrival.
-        let pushed = self.recorder.push(arrived_ns.unwrap_or_default(), bytes);
-        pushed.with_context(|| format!("cannot write {}", self.name))
+        let pushed = recorder.push(arrived_ns.unwrap_or_default(), bytes);
+        pushed.with_context(|| cannot_write(path))
+    }
+
+    fn packet(&mut self, arrived_ns: Option<u64>, packet: &Packet<BoardMessage<'_>>) -> Result<()> {
+        match &mut self.exported {
+            Some((path, exporter)) => exporter
+                .packet(arrived_ns, packet)
+                .with_context(|| cannot_write(path)),
+            None => Ok(()),
+        }
+    }
+
+    fn frame(&mut self, arrived_ns: Option<u64>, frame: &Frame, board: &Board) -> Result<()> {
+        match &mut self.exported {
+            Some((path, exporter)) => exporter
+                .frame(arrived_ns, frame, board)
+                .with_context(|| cannot_write(path)),
+            None => Ok(()),
+        }
     }
 }
 
@@ -111,17 +204,25 @@ impl Record {
             }
             None => None,
         };
-        let name = shown(&self.recording);
-        // Refused before the board is asked for anything.
+        let calibrated = self.seen_with.camera()?;
+        let mut outputs = vec![self.recording.as_path()];
+        outputs.extend(self.mcap.as_deref());
+        let inputs: Vec<&Path> = self.seen_with.files().collect();
         ensure!(
-            !self.recording.exists(),
-            "{name} is there already, and no recording is written over"
+            self.mcap.is_some() || inputs.is_empty(),
+            "--calibration is for --mcap"
         );
+        ensure_distinct_outputs(&inputs, &outputs).context("--mcap")?;
+        // Refused before the board is asked for anything.
+        for path in outputs {
+            let name = shown(path);
+            ensure!(
+                !path.exists(),
+                "{name} is there already, and no recording is written over"
+            );
+        }
         let interrupts = Interrupts::heeded();
-        let mut keeper = Keeper {
-            recorder: Recorder::create(&self.recording)?,
-            name: name.clone(),
-        };
+        let mut keeper = Keeper::create(&self.recording, self.mcap.as_deref(), calibrated)?;
         let mut memory = Memory::default();
         let begun = Instant::now();
         let mut has_begun = false;
@@ -133,29 +234,18 @@ impl Record {
             limit,
             &interrupts,
         );
-        let elapsed = begun.elapsed();
-        let (records, bytes) = (keeper.recorder.records(), keeper.recorder.bytes());
-        let finished = keeper.recorder.finish();
-        if !has_begun && recorded.is_err() {
-            // Nothing but answers was recorded: nothing is left behind.
-            drop(finished);
-            let _ = std::fs::remove_file(&self.recording);
-            return recorded.map(|_| String::new());
-        }
-        let said = |what: &str| {
-            format!(
-                "{what} {name}: {:.1} s, {} of the link in {records} records",
-                elapsed.as_secs_f64(),
-                HumanBytes(bytes)
-            )
-        };
-        match recorded.and_then(|tally| {
-            finished.with_context(|| format!("cannot write {name}"))?;
-            Ok(tally)
-        }) {
-            Ok(tally) => Ok(format!("{}\n{tally}\n", said("wrote"))),
+        match recorded {
+            Ok(tally) => Ok(format!("{}{tally}\n", keeper.finish(begun.elapsed())?)),
+            // Nothing but answers was recorded.
+            Err(error) if !has_begun => {
+                keeper.discard();
+                Err(error)
+            }
             Err(error) => {
-                note(&said("kept what came until then in"));
+                match keeper.finish(begun.elapsed()) {
+                    Ok(text) => note(text.trim_end()),
+                    Err(unfinished) => note(&format!("{unfinished:#}")),
+                }
                 Err(error)
             }
         }
@@ -166,7 +256,7 @@ impl Record {
         &self,
         source: &Source,
         memory: &'m mut Memory,
-        keeper: &'m mut Keeper,
+        keeper: &'m mut Keeper<'_>,
         has_begun: &mut bool,
         limit: Option<Duration>,
         interrupts: &Interrupts,

@@ -13,13 +13,15 @@ use clap::Args;
 use indicatif::HumanBytes;
 use vgstereo_link::{BoardMessage, Packet};
 
+use crate::cameras::SeenWith;
 use crate::escapes::shown;
 use crate::files::{ensure_distinct_outputs, write_gradually};
 use crate::link::attended::{Attended, Observer};
 use crate::link::client::Memory;
+use crate::link::exporter::Exporter;
 use crate::link::source::{Pace, Source};
 use crate::link::tally::Tally;
-use crate::terminal::{Interrupts, Said, write_output};
+use crate::terminal::{Interrupts, Said, spinner, write_output};
 
 /// For how long a host may take no bytes, or not close a connection that has ended.
 const HOST_WAIT: Duration = Duration::from_secs(10);
@@ -27,11 +29,12 @@ const HOST_WAIT: Duration = Duration::from_secs(10);
 /// The arguments of `vgstereo replay`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Without --out, the recording is played to the first host that connects to --listen, once, and the \
+    after_help = "Without --out or --mcap, the recording is played to the first host that connects to --listen, once, and the \
     command ends with it. Commands of the host are not answered. A recording that is cut or damaged is played as far \
     as it is whole, and where that is stands at the end.\n\n\
     To a host:          vgstereo replay walk.mcap, and elsewhere: vgstereo view 127.0.0.1:7000\n\
     The plain bytes:    vgstereo replay walk.mcap --out walk.bin\n\
+    For Foxglove:       vgstereo replay walk.mcap --mcap foxglove.mcap\n\
     To another program: vgstereo replay walk.mcap --out - | python3 tools/link_decoder.py /dev/stdin"
 )]
 pub struct Replay {
@@ -46,12 +49,18 @@ pub struct Replay {
         long,
         value_name = "ADDRESS",
         default_value = "127.0.0.1:7000",
-        conflicts_with = "out"
+        conflicts_with_all = ["out", "mcap"]
     )]
     listen: SocketAddr,
     /// Write the bytes of the link as they came to this file, or - for standard output.
-    #[arg(long, value_name = "FILE", conflicts_with = "fast")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["fast", "mcap"])]
     out: Option<PathBuf>,
+    /// Write images, depths, clouds, scans and the log as messages of Foxglove's schemas to this file, for
+    /// Foxglove and the tools of ROS 2.
+    #[arg(long, value_name = "FILE", conflicts_with = "fast")]
+    mcap: Option<PathBuf>,
+    #[command(flatten)]
+    seen_with: SeenWith,
 }
 
 /// Takes bytes as they were recorded.
@@ -111,6 +120,13 @@ impl Replay {
     pub fn run(self) -> Result<Said> {
         let name = shown(&self.recording);
         ensure!(self.recording.is_file(), "{name}: there is no such file");
+        let mut inputs = vec![self.recording.as_path()];
+        inputs.extend(self.seen_with.files());
+        if let Some(path) = self.mcap.as_deref() {
+            ensure_distinct_outputs(&inputs, &[path]).context("--mcap")?;
+            return self.export(path).map(Into::into);
+        }
+        ensure!(inputs.len() == 1, "--calibration is for --mcap");
         match self.out.as_deref() {
             None => self.serve(),
             Some(path) if path == Path::new("-") => {
@@ -118,12 +134,36 @@ impl Replay {
                 Ok(Said::Aside(text))
             }
             Some(path) => {
-                ensure_distinct_outputs(&[&self.recording], &[path]).context("--out")?;
+                ensure_distinct_outputs(&inputs, &[path]).context("--out")?;
                 let interrupts = Interrupts::heeded();
                 let text = write_gradually(path, |file| self.play(file, None, Some(&interrupts)))?;
-                Ok(format!("wrote {}\n{text}", shown(path)).into())
+                Ok(format!("wrote {}: {text}", shown(path)).into())
             }
         }
+    }
+
+    /// Makes messages of the recording and returns what to print.
+    fn export(&self, path: &Path) -> Result<String> {
+        let calibrated = self.seen_with.camera()?;
+        let interrupts = Interrupts::heeded();
+        write_gradually(path, |file| {
+            let mut exporter = Exporter::new(file, calibrated)?;
+            let mut memory = Memory::default();
+            let text = {
+                let observer: &mut dyn Observer = &mut exporter;
+                let mut board = Attended::observed(&self.source(), &mut memory, Some(observer))?;
+                let bar = spinner();
+                while board.frame()?.is_some() {
+                    ensure!(!interrupts.have_come(), "interrupted");
+                    bar.set_message(Tally::of(&board).frames.whole.to_string() + " frames");
+                    bar.tick();
+                }
+                bar.finish_and_clear();
+                self.told(&board)
+            };
+            let told = exporter.finish()?;
+            Ok(format!("wrote {}: {told}\n{text}", shown(path)))
+        })
     }
 
     /// Plays the recording to the first host that connects.
@@ -153,7 +193,7 @@ impl Replay {
     fn source(&self) -> Source {
         Source::File {
             path: self.recording.clone(),
-            is_fast: self.fast || self.out.is_some(),
+            is_fast: self.fast || self.out.is_some() || self.mcap.is_some(),
         }
     }
 
@@ -171,20 +211,22 @@ impl Replay {
             interrupts,
             bytes: 0,
         };
-        let (tally, damage) = {
+        let text = {
             let mut board = Attended::observed(&self.source(), &mut memory, Some(&mut player))?;
             while board.frame()?.is_some() {}
-            (Tally::of(&board), board.client().damage().cloned())
+            self.told(&board)
         };
+        Ok(format!("{} of the link\n{text}", HumanBytes(player.bytes)))
+    }
+
+    /// What the recording had, in words.
+    fn told(&self, board: &Attended<'_>) -> String {
         let name = shown(&self.recording);
-        let mut text = format!(
-            "{name}: {} of the link\n{tally}\n",
-            HumanBytes(player.bytes)
-        );
-        if let Some(damage) = damage {
+        let mut text = format!("{}\n", Tally::of(board));
+        if let Some(damage) = board.client().damage() {
             text += &format!("{name} is damaged: {damage}\n");
         }
-        Ok(text)
+        text
     }
 }
 

@@ -1,18 +1,15 @@
 //! `vgstereo view`: a page in the browser that shows a stereo camera live.
 
 use std::net::SocketAddr;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Args;
-use vgstereo_core::Reference;
-use vgstereo_core::geometry::{Rectification, RectifiedCamera};
 
-use crate::arguments::{RectifiedViews, SourceOptions};
-use crate::cameras::Cameras;
-use crate::terminal::{note, write_output};
+use crate::arguments::SourceOptions;
+use crate::cameras::SeenWith;
+use crate::terminal::write_output;
 use crate::view::hub::Hub;
 use crate::view::reader::Reader;
 use crate::view::server;
@@ -23,7 +20,7 @@ use crate::view::server;
     after_help = "The page is at the address that is printed, for this machine alone.\n\n\
     A serial port:     vgstereo view /dev/ttyACM0\n\
     A board over TCP:  vgstereo view 192.168.7.2:7000\n\
-    Recorded bytes:    vgstereo view recording.bin\n\
+    A recording:       vgstereo view recording.mcap\n\
     No board at all:   vgstereo view --demo"
 )]
 pub struct View {
@@ -35,12 +32,8 @@ pub struct View {
     /// Address of the page on this machine; port 0 takes a free one.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8008")]
     listen: SocketAddr,
-    /// Calibration of the cameras, as of `match`, for distances where the board does not tell its
-    /// camera.
-    #[arg(long, value_name = "FILE", num_args = 1..)]
-    calibration: Vec<PathBuf>,
     #[command(flatten)]
-    views: RectifiedViews,
+    seen_with: SeenWith,
 }
 
 impl View {
@@ -50,7 +43,7 @@ impl View {
     /// Fails with one line that names the option or source and the reason.
     pub fn run(self) -> Result<String> {
         let source = self.source.source(self.fast)?;
-        let calibrated = self.camera()?;
+        let calibrated = self.seen_with.camera()?;
         let listener = server::listen(self.listen)?;
         let port = source.open()?;
         let (hub, requests) = Hub::new();
@@ -62,21 +55,5 @@ impl View {
         write_output(format!("view http://{}/\n", listener.local_addr()?).as_bytes())?;
         server::serve(listener, hub)?;
         Ok(String::new())
-    }
-
-    /// The camera of `--calibration`.
-    fn camera(&self) -> Result<Option<RectifiedCamera>> {
-        let cameras = Cameras::read(&self.calibration, &self.views, None)?;
-        let Some(bytes) = &cameras.rectification else {
-            return Ok(None);
-        };
-        let rectification = Rectification::from_bytes(bytes)?;
-        for warning in &cameras.warnings {
-            note(&format!("warning: {warning}"));
-        }
-        let camera = rectification.camera(Reference::Left);
-        camera
-            .map(Some)
-            .context("--calibration: the unit of the baseline is not known: give it with --unit")
     }
 }

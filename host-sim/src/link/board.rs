@@ -405,7 +405,8 @@ fn put_pair(pictures: &mut Option<Pictures>, height_lines: u32, pair: &LinePair<
 }
 
 /// Why a frame was aborted, in words.
-fn reason_name(reason: Reason) -> &'static str {
+#[must_use]
+pub fn reason_name(reason: Reason) -> &'static str {
     match reason {
         Reason::Other => "of no known reason",
         Reason::CameraOverrun => "the camera was faster than the board",

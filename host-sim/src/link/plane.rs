@@ -100,6 +100,25 @@ impl<T: Copy> Plane<T> {
         }
     }
 
+    /// The values of a whole view of this width and height, of which this plane is a part; `none` outside
+    /// of it. `None` where the plane is no part of such a view, or that is too large.
+    #[must_use]
+    pub fn in_view(&self, [width, height]: [u32; 2], none: T) -> Option<Vec<T>> {
+        let mut values = Self::new([0, 0], [width, height], none)?.values;
+        let (width, x) = (usize::try_from(width).ok()?, usize::try_from(self.x).ok()?);
+        let y = usize::try_from(self.y).ok()?;
+        if x.checked_add(self.width)? > width
+            || y.checked_add(self.height())? > values.len() / width
+        {
+            return None;
+        }
+        let lines = values.chunks_exact_mut(width).skip(y);
+        for (line, part) in lines.zip(self.values.chunks_exact(self.width)) {
+            line.get_mut(x..x + self.width)?.copy_from_slice(part);
+        }
+        Some(values)
+    }
+
     /// Number of lines.
     #[must_use]
     pub fn height(&self) -> usize {
@@ -157,6 +176,20 @@ mod tests {
         }));
         assert_eq!(plane.values[6..9], [-1, -1, -1]);
         assert_eq!(plane.missing(), [[0, 1], [2, 2], [5, 1]]);
+    }
+
+    #[test]
+    fn a_part_lies_in_its_view() {
+        let mut plane = Plane::new([1, 2], [2, 1], 0).unwrap();
+        assert!(plane.put(2, 1, 2, |place| {
+            place.copy_from_slice(&[5, 6]);
+            true
+        }));
+        let expected = [9, 9, 9, 9, 9, 9, 9, 9, 9, 5, 6, 9];
+        assert_eq!(plane.in_view([4, 3], 9).unwrap(), expected);
+        for size in [[2, 3], [4, 2], [u32::MAX, u32::MAX], [0, 0]] {
+            assert_eq!(plane.in_view(size, 9), None, "{size:?}");
+        }
     }
 
     #[test]

@@ -5,21 +5,18 @@
 //! states, so that a browser reads them in place.
 
 use serde::Serialize;
-use vgstereo_core::DisparityLine;
-use vgstereo_core::geometry::{LaserScan, RectifiedCamera, ScanConfig};
+use vgstereo_core::geometry::RectifiedCamera;
 use vgstereo_link::Region;
 
 use super::focus::focus;
 use super::request::{Show, Shown};
 use crate::link::board::{Frame, Pictures, Scan};
+use crate::link::derived::{depths, scan};
 use crate::link::pixels::{Pixels, unpacked};
 use crate::link::plane::Plane;
 
 /// Every plane begins at a multiple of so many bytes.
 const ALIGNMENT_BYTES: usize = 8;
-
-/// Bearings of a scan that is made here, at most.
-const BEARINGS_MAX: u16 = 90;
 
 /// What stands before the planes.
 #[derive(Serialize)]
@@ -121,15 +118,7 @@ pub fn encode(frame: &Frame, camera: Option<&RectifiedCamera>, show: &Show) -> V
     if let Some(confidences) = &frame.confidences {
         planes.add("confidences", "u8", confidences, 1, |value| [value]);
     }
-    let computed = match (&frame.depths, &frame.disparities, camera) {
-        (None, Some(disparities), Some(camera)) => Some(disparities.converted(
-            disparities.width,
-            |disparities_q4, depths_mm| {
-                camera.depth().line_mm(disparities_q4, depths_mm);
-            },
-        )),
-        _ => None,
-    };
+    let computed = camera.and_then(|camera| depths(frame, camera));
     if let Some(depths) = frame.depths.as_ref().or(computed.as_ref()) {
         planes.add("depths", "u16", depths, 1, u16::to_le_bytes);
     }
@@ -165,43 +154,6 @@ pub fn encode(frame: &Frame, camera: Option<&RectifiedCamera>, show: &Show) -> V
     message.extend(json);
     message.extend(planes.bytes);
     message
-}
-
-/// The scan of a frame, as of `match --scan` without other options; `None` without disparities and
-/// confidences, which tell what was found from what was filled in.
-fn scan(frame: &Frame, camera: &RectifiedCamera) -> Option<Scan> {
-    let (disparities, confidences) = (frame.disparities.as_ref()?, frame.confidences.as_ref()?);
-    let region = &frame.begun.region;
-    let config = ScanConfig {
-        camera: *camera,
-        columns: region.x_px..region.x_px.checked_add(region.width_px)?,
-        bearings: region.width_px.min(BEARINGS_MAX),
-        pitch_rad: 0.0,
-        heights_mm: -300..=300,
-        range_max_mm: 20_000,
-        lines_min: 3,
-        confidence_min: 1,
-    };
-    let mut memory = vec![0; LaserScan::words(config.bearings, config.lines_min)];
-    let mut scan = LaserScan::new(&config, &mut memory).ok()?;
-    let width = disparities.width;
-    let lines = disparities.values.chunks_exact(width);
-    let lines = lines.zip(confidences.values.chunks_exact(width));
-    for (line, (disparities_q4, confidences)) in (region.y_lines..).zip(lines) {
-        scan.push(&DisparityLine {
-            line,
-            column: region.x_px,
-            disparities_q4,
-            confidences,
-        });
-    }
-    let scan = scan.finish();
-    Some(Scan {
-        bearing_min_rad: scan.bearing_min_rad,
-        bearing_step_rad: scan.bearing_step_rad,
-        range_max_mm: scan.range_max_mm,
-        ranges_mm: scan.ranges_mm.to_vec(),
-    })
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ mod capture;
 mod demo;
 mod eval;
 mod experiments;
+mod exported;
 mod fixture;
 mod general;
 mod images;

@@ -5,7 +5,7 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::process::{Child, Command, Stdio};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use assert_cmd::cargo::CommandCargoExt;
 use vgstereo_link::board::{FrameBegun, Hello, Outcome, View};
@@ -229,7 +229,7 @@ fn a_recording_is_played_at_the_pace_at_which_it_came() {
     for source in ["a.mcap", "a.bin"] {
         let mut player = start(&fixture, &["replay", source, "--listen", "127.0.0.1:0"]);
         let line = first_line(&mut player);
-        let begun = std::time::Instant::now();
+        let begun = Instant::now();
         let mut host = TcpStream::connect(line.strip_prefix("link ").unwrap()).unwrap();
         host.read_to_end(&mut Vec::new()).unwrap();
         let seconds = begun.elapsed().as_secs_f64();
@@ -245,7 +245,15 @@ fn an_interrupt_ends_a_recording_well_and_a_kill_leaves_what_has_come() {
     let fixture = Fixture::new();
     for (signal, name) in [("INT", "a.mcap"), ("TERM", "b.mcap"), ("KILL", "c.mcap")] {
         let recorder = start(&fixture, &["record", "--demo", name]);
-        thread::sleep(Duration::from_millis(1500));
+        let file = fixture.path(name);
+        let begun = Instant::now();
+        while !fs::metadata(&file).is_ok_and(|data| data.len() > 50_000) {
+            assert!(
+                begun.elapsed() < Duration::from_secs(120),
+                "nothing is recorded"
+            );
+            thread::sleep(Duration::from_millis(20));
+        }
         let id = recorder.id().to_string();
         let kill = Command::new("kill").args(["-s", signal, &id]).status();
         assert!(kill.unwrap().success());
