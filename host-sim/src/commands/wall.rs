@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use image::{ImageFormat, Rgb, RgbImage};
-use vgstereo_core::geometry::Rectification;
-use vgstereo_core::{Config, DisparityRange, Output, Preset, Reference};
+use vgstereo_core::geometry::{Rectification, RectifiedCamera};
+use vgstereo_core::{Config, DisparityRange, Output, Parameters, Preset, Reference};
 use vgstereo_kernels::NativeKernels;
 
 use crate::arguments::{Overrides, name_of, parse_preset};
@@ -15,6 +15,8 @@ use crate::escapes::shown;
 use crate::files::{encode, ensure_distinct_outputs, ensure_ending, write_files};
 use crate::frame::match_frame;
 use crate::images::{ImageFile, ViewImages};
+use crate::link::client::Memory;
+use crate::link::recorded::{Frames, Seen};
 use crate::rectify::rectified;
 use crate::tables::table;
 use crate::terminal::progress_bar;
@@ -30,12 +32,18 @@ use crate::wall::{Figures, Part, measure};
     one. RMS from the plane: the spatial noise; as a sub-pixel error, it is the same at every distance. \
     Temporal noise: the median over the pixels of the standard deviation from frame to frame; it takes several \
     pairs of the same view.\n\n\
-    Example: vgstereo wall left1.png right1.png left2.png right2.png --distance 1000 --focal 700 --baseline 60"
+    Pairs:        vgstereo wall left1.png right1.png left2.png right2.png --distance 1000 --focal 700 --baseline 60\n\
+    A recording:  vgstereo wall walk.mcap --distance 1000\n\n\
+    Of a recording, the disparities that the board found are judged, by the camera that it told; if it has none, its \
+    pairs are matched here."
 )]
 pub struct Wall {
-    /// Pairs of images of the wall: left, right, left, right, ...
+    /// Pairs of images of the wall: left, right, left, right, ...; or one recording of it.
     #[arg(required = true, value_name = "LEFT RIGHT")]
     images: Vec<PathBuf>,
+    /// Frames of a recording that are judged, from the first on.
+    #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u16).range(1..))]
+    frames: u16,
     /// True distance from the left camera to the wall, square to the wall, mm. Without it, the Z accuracy is
     /// left out.
     #[arg(long, value_name = "MM")]
@@ -66,11 +74,6 @@ impl Wall {
     /// Fails with one line that names the file or option and the reason. Nothing is written then.
     pub fn run(self) -> Result<String> {
         ensure!(
-            self.images.len().is_multiple_of(2),
-            "{} images: a pair has a left and a right one",
-            self.images.len()
-        );
-        ensure!(
             self.distance.is_none_or(|mm| mm.is_finite() && mm > 0.0),
             "--distance must be above 0"
         );
@@ -80,6 +83,50 @@ impl Wall {
             inputs.extend(self.cameras.files());
             ensure_distinct_outputs(&inputs, &[path]).context("--residuals")?;
         }
+        let judged = match &self.images[..] {
+            [recording] => self.recorded(recording)?,
+            _ => self.matched()?,
+        };
+        let Judged {
+            what,
+            frames,
+            size: [width, height],
+            camera,
+            ..
+        } = &judged;
+        let (width, height) = (*width, *height);
+        let part = Part::middle([width, height], f64::from(self.part) / 100.0);
+        let figures = measure(frames, width, part, camera, self.distance)?;
+        if let Some(path) = &self.residuals {
+            let picture = residuals(&figures, part);
+            write_files(&[(path, encode(&picture.into(), ImageFormat::Png)?)])?;
+        }
+        let mut text = format!(
+            "{what} of {width}x{height} px, the middle {}x{} px\n{}\n",
+            part.size[0],
+            part.size[1],
+            as_text(&figures)
+        );
+        if self.distance.is_none() {
+            text += "Z accuracy is left out: --distance tells the true distance\n";
+        }
+        if figures.temporal_noise_mm.is_none() {
+            text += "temporal noise is left out: it takes several pairs of the same view\n";
+        }
+        text += &judged.notes;
+        if let Some(path) = &self.residuals {
+            text += &format!("wrote {}\n", shown(path));
+        }
+        Ok(text)
+    }
+
+    /// Matches the pairs of images.
+    fn matched(&self) -> Result<Judged> {
+        ensure!(
+            self.images.len().is_multiple_of(2),
+            "{} images: a pair has a left and a right one",
+            self.images.len()
+        );
         let (pairs, _) = self.images.as_chunks::<2>();
         let parameters = self.overrides.apply(self.preset)?;
         let [first, _] = pairs.first().context("there is no pair")?;
@@ -91,18 +138,7 @@ impl Wall {
             Some(r) => (r.width, u32::from(r.height)),
             None => (u16::try_from(raw_size.0)?, raw_size.1),
         };
-        let disparities = DisparityRange::up_to(self.d_max);
-        ensure!(
-            self.d_max < width && disparities.fits(width),
-            "--d-max {} is not smaller than the width of {}, {width} px, or above 2047",
-            self.d_max,
-            shown(first)
-        );
-        let config = Config {
-            output: Output::Sparse,
-            ..Config::new(parameters, width, disparities)
-        };
-        config.validate()?;
+        let config = self.config(parameters, width, first)?;
         let camera = self.cameras.camera(
             "wall",
             rectification.as_ref(),
@@ -121,35 +157,170 @@ impl Wall {
             .collect();
         bar.finish_and_clear();
         let frames = frames?;
-        let [width, height] = [usize::from(width), height as usize];
-        let part = Part::middle([width, height], f64::from(self.part) / 100.0);
-        let figures = measure(&frames, width, part, &camera, self.distance)?;
-        if let Some(path) = &self.residuals {
-            let picture = residuals(&figures, part);
-            write_files(&[(path, encode(&picture.into(), ImageFormat::Png)?)])?;
-        }
-        let mut text = format!(
-            "{}, {} of {width}x{height} px, the middle {}x{} px\n{}\n",
-            name_of(&parameters, self.preset),
-            match frames.len() {
-                1 => "1 pair".to_owned(),
-                count => format!("{count} pairs"),
-            },
-            part.size[0],
-            part.size[1],
-            as_text(&figures)
-        );
-        if self.distance.is_none() {
-            text += "Z accuracy is left out: --distance tells the true distance\n";
-        }
-        if figures.temporal_noise_mm.is_none() {
-            text += "temporal noise is left out: it takes several pairs of the same view\n";
-        }
-        if let Some(path) = &self.residuals {
-            text += &format!("wrote {}\n", shown(path));
-        }
-        Ok(text)
+        let pairs = match frames.len() {
+            1 => "1 pair".to_owned(),
+            count => format!("{count} pairs"),
+        };
+        Ok(Judged {
+            what: format!("{}, {pairs}", name_of(&parameters, self.preset)),
+            frames,
+            size: [width.into(), height as usize],
+            camera,
+            notes: String::new(),
+        })
     }
+
+    /// What the search is configured by, in lines of `width` px of this file.
+    fn config(&self, parameters: Parameters, width: u16, file: &Path) -> Result<Config> {
+        let disparities = DisparityRange::up_to(self.d_max);
+        ensure!(
+            self.d_max < width && disparities.fits(width),
+            "--d-max {} is not smaller than the width of {}, {width} px, or above 2047",
+            self.d_max,
+            shown(file)
+        );
+        let config = Config {
+            output: Output::Sparse,
+            ..Config::new(parameters, width, disparities)
+        };
+        config.validate()?;
+        Ok(config)
+    }
+
+    /// Takes the disparities of a recording, or matches its pairs.
+    fn recorded(&self, path: &Path) -> Result<Judged> {
+        let name = shown(path);
+        ensure!(
+            path.is_file(),
+            "{name}: there is no such file: give pairs of images, or one recording"
+        );
+        let mut memory = Memory::default();
+        let mut recorded = Frames::open(path, &mut memory)?;
+        let cameras = self.cameras.read(None)?;
+        let rectification = cameras.rectification.as_deref();
+        let rectification = rectification.map(Rectification::from_bytes).transpose()?;
+        let parameters = self.overrides.apply(self.preset)?;
+        let bar = progress_bar(self.frames.into(), "frames of the wall");
+        let (mut frames, mut size, mut kind) = (Vec::new(), None, "");
+        let mut notes = String::new();
+        while frames.len() < self.frames.into() {
+            let Some((number, seen)) = recorded.next_seen()? else {
+                break;
+            };
+            let matched = |views, rectification| {
+                let matched = self.match_views(views, rectification, parameters, path);
+                matched.with_context(|| format!("{name}: frame {number}"))
+            };
+            let ((disparities_q4, of), of_kind) = match seen {
+                Seen::Disparities {
+                    disparities_q4,
+                    width,
+                    is_sparse,
+                } => {
+                    if !is_sparse && frames.is_empty() {
+                        notes += "disparities that the board has filled in count as found: it sent no confidences\n";
+                    }
+                    let of = [width, disparities_q4.len() / width.max(1)];
+                    ((disparities_q4, of), FOUND_BY_BOARD)
+                }
+                Seen::Rectified(views) => (matched(views, None)?, "rectified pairs"),
+                Seen::Raw(views) => {
+                    ensure!(
+                        rectification.is_some() || !recorded.is_rectified_by_board(),
+                        "{name}: the pairs are raw: --calibration rectifies them"
+                    );
+                    (matched(views, rectification.as_ref())?, "raw pairs")
+                }
+            };
+            ensure!(
+                size.is_none_or(|size| size == of) && (kind.is_empty() || kind == of_kind),
+                "{name}: frame {number} is not of the size or the kind of those before"
+            );
+            (size, kind) = (Some(of), of_kind);
+            frames.push(disparities_q4);
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        if let Some(damage) = recorded.damage() {
+            notes += &format!("{name} is damaged: {damage}\n");
+        }
+        if recorded.left_out() > 0 {
+            notes += &format!(
+                "{} frames are left out: lines are missing, or they have neither views nor disparities\n",
+                recorded.left_out()
+            );
+        }
+        let size = size.with_context(|| {
+            let notes = notes.lines().map(|note| format!("; {note}"));
+            let notes: String = notes.collect();
+            format!(
+                "{name}: one image is no pair, and as a recording it has no whole frame with disparities or a \
+                 pair of views{notes}"
+            )
+        })?;
+        let told = recorded.camera().filter(|_| !self.cameras.are_given());
+        let camera = match told {
+            Some(camera) => camera,
+            None => self.cameras.camera(
+                "wall",
+                rectification.as_ref(),
+                &cameras.warnings,
+                [u32::try_from(size[0])?, u32::try_from(size[1])?],
+                Reference::Left,
+            )?,
+        };
+        let count = match frames.len() {
+            1 => "1 frame".to_owned(),
+            count => format!("{count} frames"),
+        };
+        let what = match kind {
+            FOUND_BY_BOARD => format!("{kind}, {count}"),
+            _ => format!("{}, {kind}, {count}", name_of(&parameters, self.preset)),
+        };
+        Ok(Judged {
+            what,
+            frames,
+            size,
+            camera,
+            notes,
+        })
+    }
+
+    /// Matches a pair of views, and returns its disparities and the size of their view.
+    fn match_views(
+        &self,
+        mut views: Views,
+        rectification: Option<&Rectification<'_>>,
+        parameters: Parameters,
+        path: &Path,
+    ) -> Result<(Vec<i16>, [usize; 2])> {
+        if let Some(rectification) = rectification {
+            views = rectified(&views, rectification)?;
+        }
+        let config = Config {
+            colour: views.has_colour(),
+            ..self.config(parameters, views.width, path)?
+        };
+        let matched = match_frame(&config, &views, NativeKernels::fastest(), 2)?;
+        Ok((matched.disparities_q4, [views.width.into(), views.height()]))
+    }
+}
+
+/// What is judged of a recording if it has disparities.
+const FOUND_BY_BOARD: &str = "the board's disparities";
+
+/// What is judged.
+struct Judged {
+    /// What it is, in words.
+    what: String,
+    /// Disparities of each frame, 1/16 px, row-major.
+    frames: Vec<Vec<i16>>,
+    /// Columns and lines, px.
+    size: [usize; 2],
+    /// The camera that they are seen with.
+    camera: RectifiedCamera,
+    /// What else there is to say, a line each.
+    notes: String,
 }
 
 /// Matches a pair of images of this size, px, and returns its disparities, 1/16 px, row-major.

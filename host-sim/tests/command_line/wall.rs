@@ -1,5 +1,11 @@
 //! `vgstereo wall`, and `demo --wall`, which makes pictures for it.
 
+use std::fs;
+
+use image::RgbImage;
+use vgstereo_link::board::{Camera, FrameBegun, Hello, LinePair, View};
+use vgstereo_link::{BoardMessage, Encoder, Line, PixelFormat, Region, Streams, Values};
+
 use crate::fixture::Fixture;
 
 #[test]
@@ -49,12 +55,197 @@ fn a_rendered_wall_is_judged_and_pictured() {
     assert!(!outcome.stdout.contains("| Z accuracy"));
 }
 
+const WIDTH: u16 = 160;
+const HEIGHT: u32 = 120;
+
+/// What a board sends of a frame.
+#[derive(Default)]
+struct Sent {
+    pair: Option<[RgbImage; 2]>,
+    disparities_q4: Option<Vec<i16>>,
+}
+
+/// The bytes of the link of these frames.
+fn link(frames: &[Sent], camera: Camera) -> Vec<u8> {
+    let mut memory = vec![0; 8192];
+    let mut encoder = Encoder::new(&mut memory);
+    let mut bytes = Vec::new();
+    let mut send = |message: &BoardMessage<'_>| {
+        bytes.extend_from_slice(encoder.encode(0, message).unwrap());
+    };
+    let view = View {
+        width_px: WIDTH,
+        height_lines: HEIGHT,
+        format: PixelFormat::Rgb888,
+    };
+    send(&BoardMessage::Hello(Hello {
+        device: "wall",
+        firmware: "1",
+        raw: view,
+        matched: view,
+        preset: "lite",
+        disparity_min_px: 0,
+        disparity_count: 32,
+        latency_lines: 2,
+        streams: Streams::RAW,
+        calibration_crc32: None,
+        rectifies: false,
+        piece_bytes_max: 0,
+    }));
+    send(&BoardMessage::Camera(camera));
+    let region = Region {
+        x_px: 0,
+        y_lines: 0,
+        width_px: WIDTH,
+        height_lines: HEIGHT,
+    };
+    for (frame, sent) in (0..).zip(frames) {
+        send(&BoardMessage::FrameBegun(FrameBegun {
+            frame,
+            timestamp_us: 0,
+            region,
+        }));
+        for line in 0..HEIGHT {
+            if let Some([left, right]) = &sent.pair {
+                let bytes = 3 * usize::from(WIDTH);
+                let row =
+                    |view: &RgbImage| view.as_raw()[line as usize * bytes..][..bytes].to_vec();
+                send(&BoardMessage::RawPair(LinePair {
+                    frame,
+                    line,
+                    format: PixelFormat::Rgb888,
+                    left: &row(left),
+                    right: &row(right),
+                }));
+            }
+            if let Some(disparities_q4) = &sent.disparities_q4 {
+                let width = usize::from(WIDTH);
+                let values = &disparities_q4[line as usize * width..][..width];
+                let values = Values::Plain(values);
+                send(&BoardMessage::Disparities(Line {
+                    frame,
+                    line,
+                    column: 0,
+                    values,
+                }));
+            }
+        }
+        send(&BoardMessage::FrameDone { frame });
+    }
+    bytes
+}
+
+/// The numbers of the table that `wall` prints.
+fn figures(text: &str) -> Vec<f64> {
+    let cells = text
+        .lines()
+        .filter(|line| line.contains('|') || line.contains('│'));
+    cells
+        .flat_map(|line| line.split(|c: char| !(c.is_ascii_digit() || "+-.".contains(c))))
+        .filter_map(|number| number.parse().ok())
+        .collect()
+}
+
+#[test]
+fn a_recording_is_judged_as_its_pairs_are_and_its_disparities_are_those_of_the_board() {
+    let fixture = Fixture::new();
+    let made = fixture.run(&[
+        "demo", "--wall", "1500", "--frames", "2", "--width", "160", "--height", "120", "--d-max",
+        "31", "--out", "wall",
+    ]);
+    let (_, options) = made.stdout.trim().split_once("--distance").unwrap();
+    let options = format!("--distance{options} --d-max 31");
+    let options: Vec<&str> = options.split(' ').collect();
+    let number = |name: &str| -> f64 {
+        let at = options.iter().position(|option| *option == name).unwrap();
+        options[at + 1].parse().unwrap()
+    };
+    let (focal_px, baseline_mm) = (number("--focal"), number("--baseline"));
+    let camera = Camera {
+        focal_q8: (focal_px * 256.0).round() as u32,
+        principal_x_q8: (79.5 * 256.0) as i32,
+        principal_y_q8: (59.5 * 256.0) as i32,
+        depth_q8: (focal_px * baseline_mm * 256.0).round() as u32,
+        offset_q8: 0,
+    };
+    let pairs = ["01", "02"].map(|number| {
+        let view = |side| {
+            let path = fixture.path(&format!("wall/{side}_{number}.png"));
+            image::open(path).unwrap().into_rgb8()
+        };
+        Sent {
+            pair: Some(["left", "right"].map(view)),
+            ..Sent::default()
+        }
+    });
+    fs::write(fixture.path("pairs.bin"), link(&pairs, camera)).unwrap();
+    let pictures = [
+        "wall/left_01.png",
+        "wall/right_01.png",
+        "wall/left_02.png",
+        "wall/right_02.png",
+    ];
+    let of_pictures = fixture.run(&[&["wall"], &pictures[..], &options].concat());
+    // With the camera that the board has told, and with the same one as options.
+    for options in [&options[..], &["--distance", "1500", "--d-max", "31"]] {
+        let outcome = fixture.run(&[&["wall", "pairs.bin"], options].concat());
+        assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+        assert!(
+            outcome.stdout.contains("raw pairs, 2 frames"),
+            "{}",
+            outcome.stdout
+        );
+        assert_eq!(figures(&outcome.stdout), figures(&of_pictures.stdout));
+        assert!(figures(&outcome.stdout).len() > 8);
+    }
+
+    // Disparities: half a pixel to and fro about those of a wall at 1500 mm, from frame to frame.
+    let exact = focal_px * baseline_mm / 1500.0 * 16.0;
+    let frames = [-4.0, 4.0].map(|error| {
+        let q4 = (exact + error).round() as i16;
+        Sent {
+            disparities_q4: Some(vec![q4; usize::from(WIDTH) * HEIGHT as usize]),
+            ..Sent::default()
+        }
+    });
+    fs::write(fixture.path("disparities.bin"), link(&frames, camera)).unwrap();
+    let outcome = fixture.run(&["wall", "disparities.bin", "--distance", "1500"]);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    assert!(outcome.stdout.contains("the board's disparities, 2 frames"));
+    assert!(outcome.stdout.contains("it sent no confidences"));
+    let depth_mm = |q4: f64| focal_px * baseline_mm * 16.0 / q4;
+    let apart_mm = depth_mm((exact - 4.0).round()) - depth_mm((exact + 4.0).round());
+    let noise = outcome
+        .stdout
+        .lines()
+        .find(|line| line.contains("temporal noise"));
+    let noise_mm = figures(noise.unwrap())[0];
+    // The standard deviation of two values is their difference by the root of two.
+    assert!(
+        (noise_mm / (apart_mm / 2.0_f64.sqrt()) - 1.0).abs() < 0.01,
+        "{noise_mm} {apart_mm}"
+    );
+    let one = fixture.run(&[
+        "wall",
+        "disparities.bin",
+        "--distance",
+        "1500",
+        "--frames",
+        "1",
+    ]);
+    assert!(
+        one.stdout.contains("temporal noise is left out"),
+        "{}",
+        one.stdout
+    );
+}
+
 #[test]
 fn what_is_no_wall_is_refused() {
     let fixture = Fixture::new();
     let camera = ["--focal", "100", "--baseline", "50", "--d-max", "12"];
     for (arguments, words) in [
-        (&["left.png"][..], ["1 images", "a left and a right"]),
+        (&["left.png"][..], ["left.png", "no pair"]),
         (
             &["left.png", "right.png", "--distance", "0"],
             ["--distance", "above 0"],
