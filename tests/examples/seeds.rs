@@ -3,6 +3,7 @@
 //!     cargo run -p vgstereo-tests --example seeds
 
 use std::fs;
+use std::io::Cursor;
 use std::path::Path;
 
 use anyhow::{Context, Result};
@@ -16,6 +17,7 @@ use vgstereo_firmware::scripted::FaultKind;
 use vgstereo_link::{BoardMessage, Encoder, HostMessage, Line, Reason, Values};
 use vgstereo_sim::calibration::{Options, rectify};
 use vgstereo_sim::files::encode;
+use vgstereo_sim::link::recording::Recorder;
 use vgstereo_sim::pfm::Pfm;
 use vgstereo_tests::fuzz::{matcher, session};
 
@@ -29,6 +31,7 @@ fn main() -> Result<()> {
         ("link_decoder", link_decoders()?),
         ("link_lines", link_lines()),
         ("rectification", rectifications(&corpora)?),
+        ("recording", recordings()?),
     ];
     for (target, seeds) in seeds {
         for (name, bytes) in seeds {
@@ -37,6 +40,25 @@ fn main() -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// Recordings that are whole and cut, and bytes that are none, each after a length of pieces and a cut.
+fn recordings() -> Result<Seeds> {
+    let mut recorder = Recorder::new(Cursor::new(Vec::new()))?;
+    for (at, bytes) in [&b"\0abc"[..], b"", &[7; 40]].into_iter().enumerate() {
+        recorder.push(1_000 * at as u64, bytes)?;
+    }
+    let whole = recorder.finish()?.into_inner();
+    let cut = whole[..whole.len() / 2].to_vec();
+    let files = [
+        ("whole", 9, 0, whole),
+        ("cut", 1, 90, cut),
+        ("none", 3, 255, b"\0no recording\0".to_vec()),
+        ("name-alone", 3, 3, b"\x89MCAP0\r\n".to_vec()),
+    ];
+    let seeds =
+        files.map(|(name, piece, cut, file)| (name.to_owned(), after(piece, after(cut, file))));
+    Ok(seeds.into())
 }
 
 /// Inputs of a target with their names.

@@ -13,6 +13,7 @@ pub mod live;
 pub mod matcher;
 pub mod meta;
 pub mod parameters;
+pub mod recording;
 pub mod rectification;
 pub mod session;
 pub mod truth_and_masks;
@@ -21,7 +22,7 @@ pub mod truth_and_masks;
 pub type Target = fn(&[u8]);
 
 /// The names of the targets, which are also those of their corpora, and their functions.
-pub const TARGETS: [(&str, Target); 11] = [
+pub const TARGETS: [(&str, Target); 12] = [
     ("calibration", calibration::run),
     ("images", images::run),
     ("link_decoder", link_decoder::run),
@@ -30,6 +31,7 @@ pub const TARGETS: [(&str, Target); 11] = [
     ("matcher", matcher::run),
     ("meta", meta::run),
     ("parameters", parameters::run),
+    ("recording", recording::run),
     ("rectification", rectification::run),
     ("session", session::run),
     ("truth_and_masks", truth_and_masks::run),
