@@ -330,13 +330,11 @@ impl<R: Read> Recording<R> {
                 }
                 Ok(LinearReadEvent::Record { opcode, data }) => match opcode {
                     op::CHANNEL => {
-                        let mcap::records::Record::Channel(channel) = parsed(opcode, data)? else {
-                            return Ok(Step::Other);
-                        };
-                        if channel.message_encoding != ENCODING {
+                        let (id, encoding) = channel(data).ok_or(NO_RECORD)?;
+                        if encoding != ENCODING.as_bytes() {
                             return Ok(Step::Other);
                         }
-                        self.channel = Some(channel.id);
+                        self.channel = Some(id);
                         return Ok(Step::Channel);
                     }
                     op::MESSAGE => {
@@ -373,6 +371,23 @@ impl<R: Read> Recording<R> {
     }
 }
 
+/// Why what has no form of a record is not read.
+const NO_RECORD: &str = "what follows is no record";
+
+/// The number of a channel and the encoding of its messages; `None` if it is none. The crate `mcap` takes as
+/// much memory for a text as its length states, before it looks whether there is so much.
+fn channel(data: &[u8]) -> Option<(u16, &[u8])> {
+    fn text(data: &[u8]) -> Option<(&[u8], &[u8])> {
+        let (length, rest) = data.split_first_chunk()?;
+        rest.split_at_checked(usize::try_from(u32::from_le_bytes(*length)).ok()?)
+    }
+    let (id, rest) = data.split_first_chunk()?;
+    let (_schema, rest) = rest.split_first_chunk::<2>()?;
+    let (_topic, rest) = text(rest)?;
+    let (encoding, _metadata) = text(rest)?;
+    Some((u16::from_le_bytes(*id), encoding))
+}
+
 fn parsed(opcode: u8, data: &[u8]) -> Result<mcap::records::Record<'_>, String> {
     mcap::parse_record(opcode, data).map_err(|error| reason(&error))
 }
@@ -383,9 +398,7 @@ fn reason(error: &McapError) -> String {
         McapError::BadDataCrc { .. } => {
             "the checksum over all of them is wrong: some byte was changed".to_owned()
         }
-        McapError::RecordTooLarge { .. } | McapError::Parse(_) => {
-            "what follows is no record".to_owned()
-        }
+        McapError::RecordTooLarge { .. } | McapError::Parse(_) => NO_RECORD.to_owned(),
         error => error.to_string(),
     }
 }
