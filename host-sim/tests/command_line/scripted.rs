@@ -105,6 +105,8 @@ impl Script {
                             self.streams,
                             self.piece_bytes_max,
                         )));
+                        // A slow line: it comes in a read of its own.
+                        thread::sleep(PAUSE);
                         send(&BoardMessage::State(state(is_started)));
                     }
                     _ => {}

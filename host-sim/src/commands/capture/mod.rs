@@ -27,6 +27,9 @@ use crate::view::focus::focus;
 /// For how long a whole frame is waited for.
 const PATIENCE: Duration = Duration::from_secs(30);
 
+/// For how long a board's state is waited for after its hello.
+const STATE_WAIT: Duration = Duration::from_secs(2);
+
 /// The arguments of `vgstereo capture`.
 #[derive(Debug, Args)]
 #[command(
@@ -184,6 +187,11 @@ impl Capture {
             "{}: the board sends no raw views",
             attended.name()
         );
+        // It follows the hello, but may come in a later read.
+        let asked = Instant::now();
+        while attended.board.state.is_none() && asked.elapsed() < STATE_WAIT {
+            attended.poll()?;
+        }
         let before = attended.board.state;
         // A frame under way may be of other streams.
         attended.command("stop", &HostMessage::Stop)?;
