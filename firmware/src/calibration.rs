@@ -6,7 +6,7 @@ use vgstereo_core::geometry::{Rectification, Rectifier};
 
 use crate::camera::Geometry;
 
-/// What a board asks of a calibration.
+/// The sizes that a calibration must have to suit a board, and the memory for its rectifier.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Fit {
     /// The camera's lines.

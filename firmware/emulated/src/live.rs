@@ -67,7 +67,7 @@ pub(crate) fn serve<U: Uart, K: Kernels>(
     }
 }
 
-/// What a session is built of each time.
+/// Camera file, matcher, port and memories, of which a session is built.
 struct Parts<'m, 'r, U, K> {
     file: &'r File,
     matcher: Matcher<'m, K>,

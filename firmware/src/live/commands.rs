@@ -65,76 +65,93 @@ impl<'m> Receiver<'m> {
     }
 }
 
-/// A calibration on its way from the host to a store.
+/// Calibrations on their way from the host to a store.
+#[derive(Debug)]
+pub(super) struct Upload<T> {
+    pub(super) store: T,
+    /// What the board asks of a calibration.
+    fit: Fit,
+    /// What has come of one.
+    under_way: UnderWay,
+    /// Whether one was stored.
+    pub(super) is_stored: bool,
+}
+
+/// A calibration of which pieces have come.
 #[derive(Debug, Default)]
-pub(super) struct Upload {
+struct UnderWay {
     total_bytes: u32,
     crc32: u32,
     /// Place of the next piece.
     next_bytes: u32,
 }
 
-impl Upload {
-    pub(super) fn piece(
-        &mut self,
-        piece: &CalibrationPiece<'_>,
-        store: &mut impl CalibrationStore,
-    ) -> Outcome {
-        if store.capacity_bytes() == 0 {
+impl<T: CalibrationStore> Upload<T> {
+    pub(super) fn new(store: T, fit: Fit) -> Self {
+        Self {
+            store,
+            fit,
+            under_way: UnderWay::default(),
+            is_stored: false,
+        }
+    }
+
+    pub(super) fn piece(&mut self, piece: &CalibrationPiece<'_>) -> Outcome {
+        if self.store.capacity_bytes() == 0 {
             return Outcome::Unsupported;
         }
         if piece.offset_bytes == 0 {
-            *self = Self::default();
-            if let Err(error) = store.begin(piece.total_bytes as usize) {
+            self.discard();
+            if let Err(error) = self.store.begin(piece.total_bytes as usize) {
                 return outcome(error);
             }
-            (self.total_bytes, self.crc32) = (piece.total_bytes, piece.crc32);
+            self.under_way.total_bytes = piece.total_bytes;
+            self.under_way.crc32 = piece.crc32;
         }
         let end = u32::try_from(piece.bytes.len())
             .ok()
             .and_then(|length| piece.offset_bytes.checked_add(length));
-        let follows = (self.total_bytes, self.crc32, self.next_bytes)
+        let before = &mut self.under_way;
+        let follows = (before.total_bytes, before.crc32, before.next_bytes)
             == (piece.total_bytes, piece.crc32, piece.offset_bytes);
-        let Some(end) = end.filter(|&end| follows && end <= self.total_bytes) else {
+        let Some(end) = end.filter(|&end| follows && end <= before.total_bytes) else {
             return Outcome::Calibration;
         };
-        match store.write(piece.offset_bytes as usize, piece.bytes) {
+        match self.store.write(piece.offset_bytes as usize, piece.bytes) {
             Ok(()) => {
-                self.next_bytes = end;
+                before.next_bytes = end;
                 Outcome::Done
             }
             Err(error) => outcome(error),
         }
     }
 
-    pub(super) fn commit(
-        &mut self,
-        total_bytes: u32,
-        crc32: u32,
-        fit: &Fit,
-        store: &mut impl CalibrationStore,
-    ) -> Outcome {
-        if store.capacity_bytes() == 0 {
+    pub(super) fn commit(&mut self, total_bytes: u32, crc32: u32) -> Outcome {
+        if self.store.capacity_bytes() == 0 {
             return Outcome::Unsupported;
         }
-        let has_come = (total_bytes, crc32) == (self.total_bytes, self.crc32)
-            && self.next_bytes == total_bytes
-            && store.staged().len() as u64 == u64::from(total_bytes);
-        *self = Self::default();
-        let is_fit = Rectification::from_bytes(store.staged()).is_ok_and(|rectification| {
-            rectification.crc32() == crc32 && fit.check(&rectification).is_ok()
+        let came = core::mem::take(&mut self.under_way);
+        let staged = self.store.staged();
+        let has_come = (total_bytes, crc32) == (came.total_bytes, came.crc32)
+            && came.next_bytes == total_bytes
+            && staged.len() as u64 == u64::from(total_bytes);
+        let is_fit = Rectification::from_bytes(staged).is_ok_and(|rectification| {
+            rectification.crc32() == crc32 && self.fit.check(&rectification).is_ok()
         });
         if !has_come || !is_fit {
             return Outcome::Calibration;
         }
-        match store.commit() {
-            Ok(()) => Outcome::Done,
+        match self.store.commit() {
+            Ok(()) => {
+                self.is_stored = true;
+                Outcome::Done
+            }
             Err(error) => outcome(error),
         }
     }
 
     pub(super) fn discard(&mut self) {
-        *self = Self::default();
+        self.under_way = UnderWay::default();
     }
 }
 

@@ -129,12 +129,9 @@ impl TestPatternSource for Pushed {
 pub struct Live<'m, C, K, P, W, T = NoStore> {
     session: Served<'m, C, K, P, W>,
     receiver: Receiver<'m>,
-    upload: Upload,
+    upload: Upload<T>,
     /// A command that waits for the end of the frame, and its number.
     deferred: Option<(u32, HostMessage<'static>)>,
-    store: T,
-    fit: Fit,
-    is_calibrated: bool,
 }
 
 impl<'m, C, K, P, W, T> Live<'m, OrTestPattern<C>, K, P, W, T>
@@ -162,7 +159,7 @@ where
         let camera = OrTestPattern::new(camera, setup.clock);
         let parts = parts(&geometry, rectifier.as_deref(), &matcher, setup)?;
         let session = Session::rectifying(camera, rectifier, matcher, parts.sink, lines, watchdog)?;
-        Ok(Self::over(session, parts.receiver, parts.store, parts.fit))
+        Ok(Self::over(session, parts.receiver, parts.upload))
     }
 
     /// Reads the camera once and deals with what comes, as [`Session::step`] does, then takes commands if
@@ -194,7 +191,7 @@ where
     ) -> Result<Self, SessionError> {
         let parts = parts(&geometry, rectifier.as_deref(), &matcher, setup)?;
         let session = Session::pushed(geometry, rectifier, matcher, parts.sink, watchdog)?;
-        Ok(Self::over(session, parts.receiver, parts.store, parts.fit))
+        Ok(Self::over(session, parts.receiver, parts.upload))
     }
 }
 
@@ -206,15 +203,12 @@ where
     W: Watchdog,
     T: CalibrationStore,
 {
-    fn over(session: Served<'m, C, K, P, W>, receiver: Receiver<'m>, store: T, fit: Fit) -> Self {
+    fn over(session: Served<'m, C, K, P, W>, receiver: Receiver<'m>, upload: Upload<T>) -> Self {
         Self {
             session,
             receiver,
-            upload: Upload::default(),
+            upload,
             deferred: None,
-            store,
-            fit,
-            is_calibrated: false,
         }
     }
 
@@ -238,7 +232,7 @@ where
         sender.settle();
         // The host is to know before the session ends.
         let is_told = sender.owed.answer.is_none();
-        (self.is_calibrated && is_told).then_some(Next::Calibrated)
+        (self.upload.is_stored && is_told).then_some(Next::Calibrated)
     }
 
     /// What the session has counted since it began, or since the host has set the counters to 0.
@@ -257,7 +251,7 @@ where
     #[must_use]
     pub fn into_parts(self) -> (Matcher<'m, K>, P, T) {
         let (_, matcher, sink) = self.session.into_parts();
-        (matcher, sink.sender.into_port(), self.store)
+        (matcher, sink.sender.into_port(), self.upload.store)
     }
 
     fn after(&mut self, event: Result<Event, Infallible>) -> Next {
@@ -294,7 +288,7 @@ where
                     return;
                 }
                 self.deferred = None;
-                let outcome = self.carry_out(&command);
+                let outcome = carry_out(&mut self.session, &mut self.upload, &command);
                 self.answer(sequence, outcome);
                 continue;
             }
@@ -306,15 +300,14 @@ where
                 continue;
             };
             let sequence = packet.sequence;
-            match packet.message {
-                HostMessage::CalibrationPiece(piece) => {
-                    let outcome = self.upload.piece(&piece, &mut self.store);
-                    self.answer(sequence, outcome);
-                    if is_reading {
-                        return;
-                    }
+            self.deferred = packet.message.detached().map(|command| (sequence, command));
+            // Only a piece is not put off.
+            if self.deferred.is_none() {
+                let outcome = carry_out(&mut self.session, &mut self.upload, &packet.message);
+                self.answer(sequence, outcome);
+                if is_reading {
+                    return;
                 }
-                command => self.deferred = command.detached().map(|command| (sequence, command)),
             }
         }
     }
@@ -330,37 +323,43 @@ where
         count(counter, 1);
         sender.owed.answer = Some((sequence, outcome));
     }
+}
 
-    fn carry_out(&mut self, command: &HostMessage<'_>) -> Outcome {
-        let session = &mut self.session;
-        match *command {
-            HostMessage::CalibrationPiece(piece) => self.upload.piece(&piece, &mut self.store),
-            HostMessage::CalibrationCommit { total_bytes, crc32 } => {
-                let store = &mut self.store;
-                let outcome = self.upload.commit(total_bytes, crc32, &self.fit, store);
-                self.is_calibrated |= outcome == Outcome::Done;
-                outcome
-            }
-            HostMessage::CalibrationDiscard => {
-                self.upload.discard();
-                Outcome::Done
-            }
-            HostMessage::Start => change(session, |state| state.is_started = true),
-            HostMessage::Stop => change(session, |state| state.is_started = false),
-            HostMessage::Select(selection) => select(session, selection),
-            HostMessage::Source(source) => show(session, source),
-            HostMessage::Parameters(parameters) => use_parameters(session, &parameters),
-            HostMessage::ResetCounters => {
-                session.reset_statistics();
-                let sender = &mut session.sink_mut().sender;
-                sender.session = SessionCounters::default();
-                sender.counters = LinkCounters::default();
-                Outcome::Done
-            }
-            HostMessage::SendHello => {
-                session.sink_mut().sender.introduce();
-                Outcome::Done
-            }
+/// Carries out a command.
+fn carry_out<C, K, P, W, T>(
+    session: &mut Served<'_, C, K, P, W>,
+    upload: &mut Upload<T>,
+    command: &HostMessage<'_>,
+) -> Outcome
+where
+    C: TestPatternSource,
+    K: Kernels,
+    P: LinkPort,
+    W: Watchdog,
+    T: CalibrationStore,
+{
+    match *command {
+        HostMessage::CalibrationPiece(piece) => upload.piece(&piece),
+        HostMessage::CalibrationCommit { total_bytes, crc32 } => upload.commit(total_bytes, crc32),
+        HostMessage::CalibrationDiscard => {
+            upload.discard();
+            Outcome::Done
+        }
+        HostMessage::Start => change(session, |state| state.is_started = true),
+        HostMessage::Stop => change(session, |state| state.is_started = false),
+        HostMessage::Select(selection) => select(session, selection),
+        HostMessage::Source(source) => show(session, source),
+        HostMessage::Parameters(parameters) => use_parameters(session, &parameters),
+        HostMessage::ResetCounters => {
+            session.reset_statistics();
+            let sender = &mut session.sink_mut().sender;
+            sender.session = SessionCounters::default();
+            sender.counters = LinkCounters::default();
+            Outcome::Done
+        }
+        HostMessage::SendHello => {
+            session.sink_mut().sender.introduce();
+            Outcome::Done
         }
     }
 }
@@ -477,8 +476,7 @@ fn stated(checks: Option<Checks>, confidence_min: Option<u8>) -> Parameters {
 struct Parts<'m, P, T> {
     sink: LinkSink<'m, P>,
     receiver: Receiver<'m>,
-    store: T,
-    fit: Fit,
+    upload: Upload<T>,
 }
 
 fn parts<'m, K: Kernels, P: LinkPort, T: CalibrationStore>(
@@ -570,16 +568,16 @@ fn parts<'m, K: Kernels, P: LinkPort, T: CalibrationStore>(
     let last_line = geometry.height.saturating_sub(1);
     let (values, levels) = (arena.take(width)?, arena.take(2 * width)?);
     let depth = camera.map(|camera| camera.depth());
+    let fit = Fit {
+        raw: *geometry,
+        width: config.width,
+        colour: config.colour,
+        rectifier_words: setup.store.rectifier_words(),
+    };
     Ok(Parts {
         sink: LinkSink::new(sender, depth, last_line, values, levels),
         receiver,
-        fit: Fit {
-            raw: *geometry,
-            width: config.width,
-            colour: config.colour,
-            rectifier_words: setup.store.rectifier_words(),
-        },
-        store: setup.store,
+        upload: Upload::new(setup.store, fit),
     })
 }
 

@@ -831,8 +831,8 @@ fn a_calibration_is_kept_when_all_of_it_has_come() {
                 .map(|(sequence, (_, outcome))| Got::Answer(sequence, *outcome))
                 .collect();
             assert_eq!(answers, expected);
-            assert!(!board.is_calibrated);
-            assert_eq!(board.store.take(), None);
+            assert!(!board.upload.is_stored);
+            assert_eq!(board.upload.store.take(), None);
         },
     );
 }

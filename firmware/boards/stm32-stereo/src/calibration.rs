@@ -25,14 +25,17 @@ pub fn slot() -> &'static [u8] {
     unsafe { &_calibration }
 }
 
-/// Copies the calibration in the slot into `memory`, so that the slot can be written while it is in use;
-/// what is none is left to [`rectifier`] to tell.
+/// Copies the calibration in the slot into `memory` of [`SLOT_BYTES`], so that the slot can be written while
+/// it is in use. A slot without one is left to [`rectifier`] to tell.
 #[must_use]
-pub fn copied(slot: &[u8], memory: &'static mut [u8]) -> &'static [u8] {
-    let length = Rectification::from_prefix(slot).map_or(slot.len(), |read| read.bytes().len());
-    let length = length.min(memory.len());
-    memory[..length].copy_from_slice(&slot[..length]);
-    &memory[..length]
+pub fn copied(slot: &'static [u8], memory: &'static mut [u8]) -> &'static [u8] {
+    let Ok(rectification) = Rectification::from_prefix(slot) else {
+        return slot;
+    };
+    let bytes = rectification.bytes();
+    let copy = &mut memory[..bytes.len()];
+    copy.copy_from_slice(bytes);
+    copy
 }
 
 /// Builds the rectifier of what is in the slot, for lines of `rig` and a matcher of `width` columns.

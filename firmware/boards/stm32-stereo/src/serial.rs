@@ -18,9 +18,7 @@ impl SerialPort {
     pub const fn new(uart: BufferedUart<'static>) -> Self {
         Self(uart)
     }
-}
 
-impl SerialPort {
     /// Waits until all bytes have left, but no longer than `longest`.
     pub fn drain(&mut self, longest: Duration) {
         let begun = Instant::now();

@@ -1,9 +1,9 @@
 //! The calibration slot in flash as the store of calibrations from the host.
 
-use embassy_stm32::flash::{Blocking, Flash, WRITE_SIZE};
+use embassy_stm32::flash::{Blocking, Error, Flash, WRITE_SIZE};
 use stm32_stereo::calibration::{RECTIFIER_BYTES, SLOT_BYTES, slot};
 use stm32_stereo::watchdog::Iwdg;
-use vgstereo_firmware::live::{CalibrationStore, StoreError};
+use vgstereo_firmware::live::{CalibrationStore, RamStore, StoreError};
 
 /// Place of the slot in flash, as of `memory.x`: the last sector of the second bank. Code, which is in the
 /// first bank, goes on while it is erased and written.
@@ -15,8 +15,7 @@ const ERASED: u8 = 0xff;
 /// The slot, with memory for a calibration on its way.
 pub struct FlashStore {
     flash: Flash<'static, Blocking>,
-    staging: &'static mut [u8],
-    staged_bytes: usize,
+    staging: RamStore<'static>,
     watchdog: Iwdg,
 }
 
@@ -29,58 +28,54 @@ impl FlashStore {
     ) -> Self {
         Self {
             flash,
-            staging,
-            staged_bytes: 0,
+            staging: RamStore::new(staging, RECTIFIER_BYTES / size_of::<u32>()),
             watchdog,
         }
     }
 
-    fn write_slot(&mut self) -> Option<()> {
-        let words = self.staged_bytes.next_multiple_of(WRITE_SIZE);
-        self.staging.get_mut(self.staged_bytes..words)?.fill(ERASED);
-        let bytes = self.staging.get(..words)?;
-        let flash = &mut self.flash;
-        let end = OFFSET + SLOT_BYTES as u32;
-        let written = self.watchdog.stretched(|| {
-            flash.blocking_erase(OFFSET, end)?;
-            flash.blocking_write(OFFSET, bytes)
-        });
-        written.ok()?;
-        // Not cached, so that this is what is in flash.
-        slot().starts_with(bytes).then_some(())
+    /// Erases the slot, and writes these bytes to it.
+    fn write_slot(flash: &mut Flash<'static, Blocking>, bytes: &[u8]) -> Result<(), Error> {
+        flash.blocking_erase(OFFSET, OFFSET + SLOT_BYTES as u32)?;
+        let (words, rest) = bytes.as_chunks::<WRITE_SIZE>();
+        flash.blocking_write(OFFSET, words.as_flattened())?;
+        if rest.is_empty() {
+            return Ok(());
+        }
+        let mut last = [ERASED; WRITE_SIZE];
+        last[..rest.len()].copy_from_slice(rest);
+        flash.blocking_write(OFFSET + (bytes.len() - rest.len()) as u32, &last)
     }
 }
 
 impl CalibrationStore for FlashStore {
     fn capacity_bytes(&self) -> usize {
-        self.staging.len()
+        self.staging.capacity_bytes()
     }
 
     fn rectifier_words(&self) -> usize {
-        RECTIFIER_BYTES / size_of::<u32>()
+        self.staging.rectifier_words()
     }
 
     fn begin(&mut self, total_bytes: usize) -> Result<(), StoreError> {
-        if total_bytes > self.staging.len() {
-            return Err(StoreError::Size);
-        }
-        self.staged_bytes = 0;
-        Ok(())
+        self.staging.begin(total_bytes)
     }
 
     fn write(&mut self, offset_bytes: usize, piece: &[u8]) -> Result<(), StoreError> {
-        let end = offset_bytes.saturating_add(piece.len());
-        let place = self.staging.get_mut(offset_bytes..end);
-        place.ok_or(StoreError::Size)?.copy_from_slice(piece);
-        self.staged_bytes = end;
-        Ok(())
+        self.staging.write(offset_bytes, piece)
     }
 
     fn staged(&self) -> &[u8] {
-        self.staging.get(..self.staged_bytes).unwrap_or_default()
+        self.staging.staged()
     }
 
     fn commit(&mut self) -> Result<(), StoreError> {
-        self.write_slot().ok_or(StoreError::Write)
+        let (flash, bytes) = (&mut self.flash, self.staging.staged());
+        let written = self.watchdog.stretched(|| Self::write_slot(flash, bytes));
+        // The slot is not cached, so that this is what is in flash.
+        if written.is_ok() && slot().starts_with(bytes) {
+            Ok(())
+        } else {
+            Err(StoreError::Write)
+        }
     }
 }
