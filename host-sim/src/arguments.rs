@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use vgstereo_core::geometry::{Interpolation, RectifiedCamera, ScanConfig};
-use vgstereo_core::{Output, Parameters, Preset};
+use vgstereo_core::{Method, Output, Parameters, Preset};
 
 use crate::calibration::{Keep, Options, parse_unit, projections};
 use crate::escapes::shown;
@@ -282,6 +282,16 @@ pub fn name_of(parameters: &Parameters, preset: Preset) -> String {
 pub fn parse_preset(name: &str) -> Result<Preset, String> {
     name.parse()
         .map_err(|error: vgstereo_core::config::UnknownPreset| error.to_string())
+}
+
+/// Returns the presets that an option names, or all that aggregate if it names none.
+#[must_use]
+pub fn aggregating_unless_named(named: &[Preset]) -> Vec<Preset> {
+    if !named.is_empty() {
+        return named.to_vec();
+    }
+    let aggregates = |preset: &Preset| matches!(preset.parameters().method, Method::Sgm(_));
+    Preset::ALL.into_iter().filter(aggregates).collect()
 }
 
 /// Returns the threshold of bad pixels that a text states, px.

@@ -17,7 +17,7 @@ pub struct Chessboard {
     detector: ChessboardDetector,
 }
 
-/// What of a board is seen in a picture.
+/// How much of a board of squares a picture shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sight {
     /// All of it.
@@ -60,7 +60,7 @@ impl Chessboard {
         self.judge(&labels.map(|grid| [grid.u, grid.v]).collect())
     }
 
-    /// What corners with these columns and rows are of the board.
+    /// Compares found corners, each with its column and row, with those of the board.
     fn judge(&self, found: &HashSet<[i32; 2]>) -> Sight {
         let [across, down] = self.corners;
         let of_board = across * down;

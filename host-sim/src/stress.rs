@@ -93,8 +93,20 @@ impl Kind {
     /// The name on the command line.
     #[must_use]
     pub fn name(self) -> &'static str {
+        self.listed().0
+    }
+
+    /// The amounts that a battery has of it.
+    #[must_use]
+    pub fn amounts(self) -> &'static [f32] {
+        self.listed().1
+    }
+
+    /// Its name and amounts in the list of all.
+    fn listed(self) -> (&'static str, &'static [f32]) {
         let mut all = Self::ALL.into_iter();
-        all.find(|(kind, ..)| *kind == self).map_or("", |all| all.1)
+        let listed = all.find(|(kind, ..)| *kind == self);
+        listed.map_or(("", &[]), |(_, name, amounts)| (name, amounts))
     }
 
     /// Whether there can be so much of it.

@@ -2,6 +2,7 @@
 //! browser, and the bodies of the fuzz targets.
 
 pub mod browser;
+pub mod command;
 pub mod faults;
 pub mod fuzz;
 pub mod oracle;

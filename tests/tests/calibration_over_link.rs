@@ -6,7 +6,6 @@
 //! that `PYTHON` names, or else `python3`, has what `tools/requirements.txt` lists. It is listed as ignored
 //! otherwise.
 
-use std::ffi::{OsStr, OsString};
 use std::fs;
 use std::io::Read;
 use std::net::TcpStream;
@@ -15,7 +14,6 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
-use clap::Parser;
 use image::ImageReader;
 use libtest_mimic::{Arguments, Failed, Trial};
 use vgstereo_boards::board::{Board, MPS2_AN500};
@@ -28,12 +26,12 @@ use vgstereo_boards::toolchain;
 use vgstereo_core::geometry::Rectification;
 use vgstereo_core::{DisparityRange, Preset, Reference};
 use vgstereo_firmware::camera::PixelFormat;
-use vgstereo_sim::commands::CommandLine;
 use vgstereo_sim::link::attended::Attended;
 use vgstereo_sim::link::board::Frame;
 use vgstereo_sim::link::client::Memory;
 use vgstereo_sim::link::source::Source;
 use vgstereo_sim::render::{RenderOptions, render_distorted};
+use vgstereo_tests::command::vgstereo;
 use vgstereo_tests::python::Python;
 
 const BOARD: Board = MPS2_AN500;
@@ -62,24 +60,13 @@ fn main() {
     libtest_mimic::run(&Arguments::from_args(), vec![trial]).exit();
 }
 
-/// Runs `vgstereo` with these arguments.
-fn vgstereo<const N: usize>(arguments: [&dyn AsRef<OsStr>; N]) -> Result<()> {
-    let words = arguments.into_iter().map(|word| word.as_ref().to_owned());
-    let words = [OsString::from("vgstereo")].into_iter().chain(words);
-    CommandLine::try_parse_from(words)?.run()?;
-    Ok(())
-}
-
 fn walk(python: &Python, folder: &Path) -> Result<()> {
     let [poses, pictures] = ["poses", "pictures"].map(|name| folder.join(name));
     let [calibration, cameras] = ["calibration.yml", "cameras.vgr"].map(|name| folder.join(name));
     vgstereo([&"demo", &"--board", &poses, &"--poses", &POSES.to_string()])?;
     let frames = frames(&poses)?;
     let request = frames[0].live_request(Preset::Lite, &[])?;
-    let link = Link {
-        address: "127.0.0.1:0".parse()?,
-        damage: Damage::default(),
-    };
+    let link = Link::local(Damage::default());
     let board = LiveBoard::emulated(&BOARD, &build(&BOARD)?, &frames, &request, link)?;
     let address = board.address().to_string();
 

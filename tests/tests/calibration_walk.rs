@@ -18,6 +18,7 @@ use vgstereo_sim::dataset::save_scene;
 use vgstereo_sim::pfm::Pfm;
 use vgstereo_sim::render::{RenderOptions, render_distorted, surface_points};
 use vgstereo_sim::scene::Scene;
+use vgstereo_tests::command::vgstereo;
 use vgstereo_tests::python::Python;
 
 /// Pairs of pictures of the board.
@@ -38,14 +39,6 @@ fn main() {
     let walk = move || walk().map_err(|error| Failed::from(format!("{error:#}")));
     let trial = Trial::test("walk", walk).with_ignored_flag(is_absent);
     libtest_mimic::run(&Arguments::from_args(), vec![trial]).exit();
-}
-
-/// Runs `vgstereo` with these arguments.
-fn vgstereo<const N: usize>(arguments: [&dyn AsRef<std::ffi::OsStr>; N]) -> Result<()> {
-    let words = arguments.into_iter().map(|word| word.as_ref().to_owned());
-    let words = [OsString::from("vgstereo")].into_iter().chain(words);
-    CommandLine::try_parse_from(words)?.run()?;
-    Ok(())
 }
 
 fn distances_are_as_good_as_with_the_true_calibration(

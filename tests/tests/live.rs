@@ -273,13 +273,10 @@ fn serves_the_link(board: &Board) -> Result<(), Failed> {
     let firmware = build(board).map_err(text)?;
     let scene = Scene::new().map_err(text)?;
     let request = scene.pairs[0].live_request(Preset::Lite, &[]);
-    let link = Link {
-        address: "127.0.0.1:0".parse()?,
-        damage: Damage {
-            dropped: vec![DROPPED],
-            flipped: vec![FLIPPED],
-        },
-    };
+    let link = Link::local(Damage {
+        dropped: vec![DROPPED],
+        flipped: vec![FLIPPED],
+    });
     let request = request.map_err(text)?;
     let live = LiveBoard::emulated(board, &firmware, &scene.pairs, &request, link);
     let live = live.map_err(text)?;
@@ -445,10 +442,7 @@ fn takes_a_calibration(board: &Board) -> anyhow::Result<()> {
         ..pair.clone()
     };
     let request = uncalibrated.live_request(Preset::Lite, &[])?;
-    let link = Link {
-        address: "127.0.0.1:0".parse()?,
-        damage: Damage::default(),
-    };
+    let link = Link::local(Damage::default());
     let mut live = LiveBoard::emulated(board, &firmware, &[uncalibrated], &request, link)?;
     let calibrated = calibrates(&pair, &live.address().to_string());
     // Whatever was missed: the board's own reason is the better one.
@@ -458,10 +452,7 @@ fn takes_a_calibration(board: &Board) -> anyhow::Result<()> {
 
     // With the calibration from its start, as of `cargo firmware live --calibration`.
     let request = pair.live_request(Preset::Lite, &[])?;
-    let link = Link {
-        address: "127.0.0.1:0".parse()?,
-        damage: Damage::default(),
-    };
+    let link = Link::local(Damage::default());
     let live = LiveBoard::emulated(board, &firmware, slice::from_ref(&pair), &request, link)?;
     let source = Source::Tcp(live.address().to_string());
     let mut memory = Memory::default();
@@ -570,10 +561,7 @@ fn keeps_a_calibration_in_flash(board: &Board) -> anyhow::Result<()> {
         ..pair.clone()
     };
     let (program, firmware) = (model::build(board)?, build(board)?);
-    let link = Link {
-        address: "127.0.0.1:0".parse()?,
-        damage: Damage::default(),
-    };
+    let link = Link::local(Damage::default());
     let live = LiveBoard::modelled(board, &program, &firmware, &uncalibrated, link)?;
     let source = Source::Tcp(live.address().to_string());
     let mut memory = Memory::default();

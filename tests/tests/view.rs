@@ -378,13 +378,10 @@ fn counts_damage_and_goes_on(browser: &mut Browser) -> Result<()> {
 
 /// The damage of a board's bytes on their way to the page: amid its first frame.
 fn damaged_link() -> Link {
-    Link {
-        address: ([127, 0, 0, 1], 0).into(),
-        damage: Damage {
-            dropped: vec![3_000],
-            flipped: vec![9_000],
-        },
-    }
+    Link::local(Damage {
+        dropped: vec![3_000],
+        flipped: vec![9_000],
+    })
 }
 
 /// An emulated board over a damaged link.

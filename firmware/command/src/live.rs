@@ -29,6 +29,17 @@ pub struct Link {
     pub damage: Damage,
 }
 
+impl Link {
+    /// A link at a free port of this machine.
+    #[must_use]
+    pub fn local(damage: Damage) -> Self {
+        Self {
+            address: ([127, 0, 0, 1], 0).into(),
+            damage,
+        }
+    }
+}
+
 /// A board that runs. It is ended with this value, and where the system has a way to do so
 /// (Linux: `setpriv`, of util-linux), also when the thread that has started it ends in whatever way.
 #[derive(Debug)]

@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::Args;
 use serde::Serialize;
-use vgstereo_core::{Method, Output, Preset};
+use vgstereo_core::{Output, Preset};
 
-use crate::arguments::{parse_preset, parse_threshold};
+use crate::arguments::{aggregating_unless_named, parse_preset, parse_threshold};
 use crate::dataset::{ensure_distinct, find_scenes, load_scene};
 use crate::escapes::shown_name;
 use crate::exposure::Exposure;
@@ -100,12 +100,7 @@ impl ExposureWedge {
     /// # Errors
     /// Fails with one line that names the file or option and the reason.
     pub fn run(self) -> Result<String> {
-        let presets: Vec<Preset> = if self.preset.is_empty() {
-            let aggregates = |preset: &Preset| matches!(preset.parameters().method, Method::Sgm(_));
-            Preset::ALL.into_iter().filter(aggregates).collect()
-        } else {
-            self.preset.clone()
-        };
+        let presets = aggregating_unless_named(&self.preset);
         ensure_distinct("preset", &presets)?;
         let folders = match &self.dir {
             Some(dir) => find_scenes(dir, &self.scenes)?,

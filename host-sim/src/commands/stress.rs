@@ -6,9 +6,9 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use serde::Serialize;
-use vgstereo_core::{Method, Output, Preset};
+use vgstereo_core::Preset;
 
-use crate::arguments::{parse_preset, parse_threshold};
+use crate::arguments::{aggregating_unless_named, output_of, parse_preset, parse_threshold};
 use crate::dataset::{ensure_distinct, find_scenes, load_scene, save_scene};
 use crate::escapes::{shown, shown_name};
 use crate::files::make_folder;
@@ -127,12 +127,7 @@ impl Stress {
     /// # Errors
     /// Fails with one line that names the file or option and the reason.
     pub fn run(self) -> Result<String> {
-        let presets: Vec<Preset> = if self.preset.is_empty() {
-            let aggregates = |preset: &Preset| matches!(preset.parameters().method, Method::Sgm(_));
-            Preset::ALL.into_iter().filter(aggregates).collect()
-        } else {
-            self.preset.clone()
-        };
+        let presets = aggregating_unless_named(&self.preset);
         ensure_distinct("preset", &presets)?;
         let battery = self.battery();
         let scenes: Vec<Scene> = match &self.dir {
@@ -186,26 +181,17 @@ impl Stress {
             [] => &all[..],
             asked => asked,
         };
-        let amounts = |asked: &Asked| {
-            let mut all = Kind::ALL.into_iter();
-            let usual = all
-                .find(|all| all.0 == asked.kind)
-                .map_or(&[][..], |all| all.2);
-            asked.amount.map_or(usual.to_vec(), |amount| vec![amount])
+        let of = |&Asked { kind, amount }: &Asked| {
+            let amounts = amount.map_or(kind.amounts().to_vec(), |amount| vec![amount]);
+            amounts
+                .into_iter()
+                .map(move |amount| stress::Stress { kind, amount })
         };
-        asked
-            .iter()
-            .flat_map(|asked| {
-                amounts(asked).into_iter().map(|amount| stress::Stress {
-                    kind: asked.kind,
-                    amount,
-                })
-            })
-            .collect()
+        asked.iter().flat_map(of).collect()
     }
 
-    /// Measures a scene, and writes it if it is disturbed and that was asked for. Costs are against the
-    /// row before.
+    /// Measures a scene, and writes it if it is disturbed and that was asked for. Costs are against the row
+    /// `before`, that of the scene as it is.
     fn row(
         &self,
         scene: Scene,
@@ -225,11 +211,7 @@ impl Stress {
         }
         let prepared = Prepared::new(scene, self.grey)?;
         let measured = presets.iter().enumerate().map(|(index, preset)| {
-            let output = if self.sparse {
-                Output::Sparse
-            } else {
-                Output::Dense
-            };
+            let output = output_of(self.sparse);
             let matched = prepared.matched(preset.parameters(), output, 2)?;
             let bad = prepared.measure(&matched, self.threshold, self.sparse)?;
             let average = bad.average();

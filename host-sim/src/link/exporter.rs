@@ -25,6 +25,7 @@ use super::board::{Board, Frame, Pictures, Scan, reason_name};
 use super::derived;
 use super::pixels::unpacked;
 use super::plane::Plane;
+use super::recording::LIBRARY;
 use crate::pictures::colour_disparities;
 
 /// The left camera: x right, y down, z forward, as images and clouds have it.
@@ -87,7 +88,7 @@ impl<W: Write + Seek> Exporter<W> {
         let options = WriteOptions::new()
             .compression(None)
             .chunk_size(Some(CHUNK_BYTES))
-            .library(concat!("vgstereo ", env!("CARGO_PKG_VERSION")));
+            .library(LIBRARY);
         Ok(Self {
             writer: options.create(BufWriter::new(output))?,
             channels: BTreeMap::new(),

@@ -22,6 +22,8 @@ use crate::escapes::shown;
 pub const ENCODING: &str = "vgstereo-link";
 /// The topic of the channel.
 const TOPIC: &str = "/link";
+/// The program that an MCAP file names as its writer.
+pub(super) const LIBRARY: &str = concat!("vgstereo ", env!("CARGO_PKG_VERSION"));
 /// Longest record that is read. Those that are written have what one read from a board gives.
 const RECORD_BYTES_MAX: usize = 1 << 20;
 
@@ -70,7 +72,7 @@ impl<W: Write + Seek> Recorder<W> {
         let options = WriteOptions::new()
             .compression(None)
             .use_chunks(false)
-            .library(concat!("vgstereo ", env!("CARGO_PKG_VERSION")));
+            .library(LIBRARY);
         let mut writer = options.create(BufWriter::new(output))?;
         let version = ("version".to_owned(), vgstereo_link::VERSION.to_string());
         let channel = writer.add_channel(0, TOPIC, ENCODING, &BTreeMap::from([version]))?;

@@ -1,12 +1,13 @@
 //! What the page is told beside frames: the source, the board, all counters, and what became of
 //! commands.
 
-use crate::link::board::{FrameCounts, LogLine};
 use serde::Serialize;
 use serde_json::Value;
 use vgstereo_core::geometry::RectifiedCamera;
 use vgstereo_link::board::Statistics;
 use vgstereo_link::{Counters, State};
+
+use crate::link::board::{FrameCounts, LogLine};
 
 /// What the page is told, as JSON.
 #[derive(Debug, Serialize)]

@@ -76,7 +76,7 @@ impl PairFolder {
         Some(names(self.first.saturating_add(last)))
     }
 
-    /// What was written.
+    /// How many pairs were written, their size and names, as a sentence for the terminal.
     pub(super) fn told(&self) -> String {
         let folder = shown(&self.path);
         match (self.last(), self.size) {

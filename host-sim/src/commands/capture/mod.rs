@@ -64,14 +64,14 @@ pub struct Capture {
     seen_only: bool,
 }
 
-/// What is known of a pair of views besides their pixels.
+/// How sharp a pair of views is, and how much of the board of squares either shows.
 struct Looked {
-    /// What is seen of the board in either; `None` if none is looked for.
+    /// How much of the board either view shows; `None` if none is looked for.
     sights: Option<[Sight; 2]>,
     sharpness: [f64; 2],
 }
 
-/// What the terminal asks for.
+/// A command that is typed at the terminal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Key {
     Take,
