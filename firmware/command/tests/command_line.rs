@@ -124,8 +124,20 @@ fn what_is_wrong_is_said_on_one_line() {
         (refusal(&["verify", "--lines", "0"]), "--lines"),
         (refusal(&["live"]), "--board"),
         (
-            refusal(&["live", "--board", "stm32h743"]),
-            "stm32h743 is a real board and not emulated",
+            refusal(&["live", "--board", "stm32f407"]),
+            "stm32f407 is a real board and not emulated",
+        ),
+        (
+            refusal(&["live", "--board", "stm32h743", "--preset", "micro"]),
+            "is built for lite",
+        ),
+        (
+            refusal(&["live", "--board", "stm32h743", "--fault", "0:3:overrun"]),
+            "has no faults here",
+        ),
+        (
+            refusal(&["live", "--board", "stm32h743", "--d-max", "31"]),
+            "320x240 px in grey and 48",
         ),
         (
             refusal(&["live", "--board", "stm32f405", "--listen", "here"]),

@@ -64,20 +64,22 @@ impl Live {
                 flipped: self.flip_byte,
             },
         };
-        ensure_complete(&[*board])?;
+        let preset = self.source.preset;
         let mut live = if let Some(built_for) = &board.model {
             ensure!(
-                self.source.preset == built_for.preset && self.source.faults.is_empty(),
+                preset == built_for.preset && self.source.faults.is_empty(),
                 "the firmware of {} is built for {}, and its camera has no faults here",
                 board.name,
                 built_for.preset
             );
             model::ensure_built_for(built_for, &pair)?;
+            ensure_complete(&[*board])?;
             let (program, firmware) = (model::build(board)?, build(board)?);
             LiveBoard::modelled(board, &program, &firmware, &pair, link)?
         } else {
-            let request = pair.live_request(self.source.preset, &self.source.faults)?;
+            let request = pair.live_request(preset, &self.source.faults)?;
             request.config().validate()?;
+            ensure_complete(&[*board])?;
             let firmware = build(board)?;
             ensure_fits(board, &firmware, &pair, &request)?;
             LiveBoard::emulated(board, &firmware, &[pair], &request, link)?
