@@ -23,8 +23,8 @@
 //!    |
 //!    v
 //!  views                 the newest lines of each view: grey; for sgm also colour  rows
-//!    |                   and smoothed grey, the other view's lines moved by a
-//!    |                   fraction of a line
+//!    |                   and smoothed grey, the other view's lines in the brightness
+//!    |                   of the reference view's, and moved by a fraction of a line
 //!    v
 //!  patterns              one bit per pair of samples, one row per view              pattern
 //!    |

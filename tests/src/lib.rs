@@ -69,6 +69,23 @@ impl Pair {
         }
     }
 
+    /// Gives each line of each view a gain of 1/2 to 3/2 or an offset of up to 40 levels, as mains light
+    /// and noise of rows do; some levels are clipped.
+    pub fn flicker(&mut self, seed: u64) {
+        let mut random = Pcg32::seed_from_u64(seed);
+        let row_bytes = self.width * self.format.bytes_per_pixel();
+        let lines = self.left.chunks_exact_mut(row_bytes);
+        for line in lines.chain(self.right.chunks_exact_mut(row_bytes)) {
+            let (gain_q4, offset) = match random.next_u32() % 3 {
+                0 => (16, (random.next_u32() % 81) as i32 - 40),
+                _ => (8 + (random.next_u32() % 17) as i32, 0),
+            };
+            for level in line {
+                *level = (i32::from(*level) * gain_q4 / 16 + offset).clamp(0, 255) as u8;
+            }
+        }
+    }
+
     /// Lets each camera see a random run of columns of each line alone; of every eighth line, none.
     pub fn hide_columns(&mut self, seed: u64) {
         let mut random = Pcg32::seed_from_u64(seed);

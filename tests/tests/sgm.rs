@@ -43,6 +43,7 @@ fn aggregation() -> impl Strategy<Value = SgmParameters> {
         prop_oneof![Just(0_u8), Just(24), 1_u8..=48],
         0_u8..=30,
         prop_oneof![Just(0_u8), Just(16), 1_u8..=16],
+        prop_oneof![Just(0_u8), 1_u8..=255],
     );
     let penalties = (0_u8..=30, 0_u8..=60, 0_u8..=40, 0_u8..=32);
     let texture_min = prop_oneof![2 => Just(0_u16), 1 => 0_u16..=1500];
@@ -105,6 +106,7 @@ fn aggregation() -> impl Strategy<Value = SgmParameters> {
                 difference_weight_q4: costs.2,
                 difference_truncation: costs.3,
                 line_offset_max_q4: costs.4,
+                line_gain_max_q8: costs.5,
                 p1: penalties.0,
                 p2,
                 p2_floor: penalties.2.min(p2),
@@ -169,6 +171,9 @@ fn matching() -> impl Strategy<Value = (Pair, Config)> {
                 }
                 if seed % 3 == 0 {
                     pair.hide_columns(seed);
+                }
+                if seed % 8 > 3 {
+                    pair.flicker(seed);
                 }
                 let config = Config {
                     reference,

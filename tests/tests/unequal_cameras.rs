@@ -5,6 +5,7 @@ use vgstereo_core::{Method, Preset};
 use vgstereo_sim::exposure::Exposure;
 use vgstereo_sim::render::{RenderOptions, render};
 use vgstereo_sim::scene::Scene;
+use vgstereo_sim::stress::{Kind, Stress};
 use vgstereo_tests::{bad_percent, mean_bad_percent};
 
 fn exposed(exposure: Exposure) -> Scene {
@@ -89,6 +90,33 @@ fn lines_that_lie_too_low_or_too_high_cost_little() {
             let cost_unmoved = bad_percent(unmoved, &scene) - aligned;
             let what = format!("{preset}, {line_offset_px} px: {cost:+.2} of {cost_unmoved:+.2}");
             assert!(cost <= 2.5 && cost_unmoved >= 4.0 * cost.max(1.0), "{what}");
+        }
+    }
+}
+
+/// Lines that one camera alone sees brighter or darker are mended before they are matched.
+#[test]
+fn bands_of_light_and_noise_of_rows_cost_little() {
+    let undisturbed = exposed(Exposure::EQUAL);
+    for (kind, amount) in [
+        (Kind::Bands, 10.0),
+        (Kind::Bands, 20.0),
+        (Kind::RowNoise, 3.0),
+        (Kind::RowNoise, 8.0),
+    ] {
+        let mut scene = undisturbed.clone();
+        Stress { kind, amount }.apply(&mut scene, 1).unwrap();
+        for preset in [Preset::Lite, Preset::Micro, Preset::Balanced] {
+            let mending = preset.parameters();
+            let mut unmended = mending;
+            if let Method::Sgm(sgm) = &mut unmended.method {
+                sgm.line_gain_max_q8 = 0;
+            }
+            let most = 1.5 * bad_percent(mending, &undisturbed);
+            let (bad, bad_unmended) = (bad_percent(mending, &scene), bad_percent(unmended, &scene));
+            let what = format!("{preset}, {kind:?} {amount}: {bad:.2} of {bad_unmended:.2} %");
+            println!("{what}");
+            assert!(bad <= most && bad_unmended > bad, "{what}");
         }
     }
 }

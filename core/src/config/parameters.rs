@@ -107,6 +107,9 @@ pub struct SgmParameters {
     /// The offset is learned from the matches above, which requires `difference_weight_q4` above 0.
     /// With 0, lines are used as they come.
     pub line_offset_max_q4: u8,
+    /// Largest gain of single lines of the other view that is mended, 1/256 above 1: dark and bright bands
+    /// of mains light, and noise of rows. 0 leaves the brightness of lines as it came.
+    pub line_gain_max_q8: u8,
     /// P1, the penalty of a step of one disparity along a path.
     pub p1: u8,
     /// P2, the penalty of a larger step, where the image is flat.

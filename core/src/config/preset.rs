@@ -143,6 +143,7 @@ const SGM: SgmParameters = SgmParameters {
     difference_weight_q4: 24,
     difference_truncation: 30,
     line_offset_max_q4: 16,
+    line_gain_max_q8: 192,
     p1: 20,
     p2: 85,
     p2_floor: 15,

@@ -152,7 +152,7 @@ impl<'m, K: Kernels> RecallMatcher<'m, K> {
         left: &(impl Line + ?Sized),
         right: &(impl Line + ?Sized),
     ) -> Option<u32> {
-        self.views.push(left, right, 0, &self.kernels);
+        self.views.push(left, right, &self.kernels);
         self.recall_next(false)
     }
 

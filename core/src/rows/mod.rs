@@ -25,4 +25,5 @@ pub(crate) use runs::{MatchPositions, ValidRuns, fill_outside};
 pub use stage::Part;
 pub(crate) use stage::{Parts, RowStage, Then};
 pub use strip::{Offset, Order, Strip, StripWindow};
+pub(crate) use views::NewestRows;
 pub use views::{View, ViewPair, ViewSize};

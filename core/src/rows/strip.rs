@@ -98,12 +98,19 @@ impl<'m> Strip<'m> {
 
     /// Stores the next line over the oldest: `write` writes its pixels from the left.
     pub fn push(&mut self, write: impl FnOnce(&mut [u8])) {
+        self.push_mended(write, |_| {});
+    }
+
+    /// Stores the next line over the oldest: `write` writes its pixels from the left, and `mend`
+    /// changes them in stored order.
+    fn push_mended(&mut self, write: impl FnOnce(&mut [u8]), mend: impl FnOnce(&mut [u8])) {
         let order = self.order;
         self.store(self.lines(), |row| {
             write(row);
             if order == Order::Mirrored {
                 row.reverse();
             }
+            mend(row);
         });
     }
 
@@ -120,11 +127,17 @@ impl<'m> Strip<'m> {
     /// Stores the next line of a view whose lines lie `offset_q4` too low, 1/16 line, -16 to 16,
     /// and moves it to its place: each line is mixed with the line above, or below, by its share.
     /// The line below comes with the next push; until then, a line that lies too low is stored as
-    /// it came.
+    /// it came. `write` writes its pixels from the left, and `mend` changes them in stored order before
+    /// they are moved.
     ///
     /// A strip that is not [`Strip::moving`] moves no line.
-    pub fn push_moved(&mut self, offset_q4: i8, write: impl FnOnce(&mut [u8])) {
-        self.push(write);
+    pub fn push_moved(
+        &mut self,
+        offset_q4: i8,
+        write: impl FnOnce(&mut [u8]),
+        mend: impl FnOnce(&mut [u8]),
+    ) {
+        self.push_mended(write, mend);
         let line = self.lines() - 1;
         if self.newest.is_empty() {
             return;
@@ -409,7 +422,7 @@ mod tests {
                 let mut strip = strip.moving(&mut arena).unwrap();
                 assert_eq!(arena.free_words(), 0);
                 for (y, line) in lines.iter().enumerate() {
-                    strip.push_moved(offset_q4, |row| row.copy_from_slice(line));
+                    strip.push_moved(offset_q4, |row| row.copy_from_slice(line), |_| {});
                     for line in y.saturating_sub(depth - 1)..=y {
                         // Lines further down have not come yet; a line above the first never comes.
                         let place_q4 = 16 * line as i32 + i32::from(offset_q4);
@@ -443,8 +456,8 @@ mod tests {
         let mut block = [0; 16];
         let mut arena = Arena::new(&mut block);
         let mut strip = Strip::new(3, 0, 3, Order::Columns, &mut arena).unwrap();
-        strip.push_moved(8, |row| row.copy_from_slice(&[1, 2, 3]));
-        strip.push_moved(8, |row| row.copy_from_slice(&[9, 9, 9]));
+        strip.push_moved(8, |row| row.copy_from_slice(&[1, 2, 3]), |_| {});
+        strip.push_moved(8, |row| row.copy_from_slice(&[9, 9, 9]), |_| {});
         assert_eq!(strip.row(0), [1, 2, 3]);
         assert_eq!(strip.row(1), [9, 9, 9]);
     }

@@ -8,7 +8,7 @@ use super::line::Line;
 use super::runs::ValidRuns;
 use super::strip::{Order, Strip};
 use crate::disparity::Reference;
-use crate::kernel::{Kernels, MAX_CHANNELS};
+use crate::kernel::{Kernels, LevelConversion, MAX_CHANNELS};
 
 /// The newest lines of one view: grey; red, green and blue if there is colour; and smoothed grey,
 /// each in a strip of its own.
@@ -125,32 +125,47 @@ impl<'m> View<'m> {
 
     /// Takes the next line, of the view's width, with colour where the view keeps it.
     pub fn push(&mut self, line: &(impl Line + ?Sized), kernels: &impl Kernels) {
-        self.push_moved(line, 0, kernels);
+        self.push_mended(line, 0, |_, _| None, kernels);
     }
 
     /// Takes the next line of a view whose lines lie `offset_q4` too low, 1/16 line: see
-    /// [`Strip::push_moved`].
-    pub fn push_moved(
+    /// [`Strip::push_moved`]. Before that, its levels are converted by what `conversion` returns for its
+    /// grey and the positions that the camera saw, both in stored order.
+    fn push_mended(
         &mut self,
         line: &(impl Line + ?Sized),
         offset_q4: i8,
+        conversion: impl FnOnce(&[u8], Range<usize>) -> Option<LevelConversion>,
         kernels: &impl Kernels,
     ) {
         let Range { start, end } = line.valid_columns();
         let end = end.min(line.width());
         let columns = start.min(end)..end;
-        self.valid.push(match self.order {
+        let valid = match self.order {
             Order::Columns => columns,
             Order::Mirrored => mirrored(columns, line.width()),
-        });
+        };
+        self.valid.push(valid.clone());
+        let mut found = None;
+        if self.grey.keeps_lines() {
+            self.grey.push_moved(
+                offset_q4,
+                |row| line.write_grey(row),
+                |row| {
+                    found = conversion(row, valid);
+                    convert_inside(row, found);
+                },
+            );
+            self.smooth(kernels);
+        }
         if let Some(colour) = &mut self.colour {
             for (channel, strip) in colour.iter_mut().enumerate() {
-                strip.push_moved(offset_q4, |row| line.write_channel(channel, row));
+                strip.push_moved(
+                    offset_q4,
+                    |row| line.write_channel(channel, row),
+                    |row| convert_inside(row, found),
+                );
             }
-        }
-        if self.grey.keeps_lines() {
-            self.grey.push_moved(offset_q4, |row| line.write_grey(row));
-            self.smooth(kernels);
         }
     }
 
@@ -170,6 +185,20 @@ impl<'m> View<'m> {
             });
         }
         smoothed.store(newest, |levels| copy_common(levels, grey.row(newest)));
+    }
+
+    /// Completes what depends on the newest line of both views with that of this one.
+    fn beside_newest(
+        &self,
+        conversion: impl FnOnce(NewestRows<'_>) -> Option<LevelConversion>,
+    ) -> impl FnOnce(&[u8], Range<usize>) -> Option<LevelConversion> {
+        let newest = self.lines().saturating_sub(1);
+        move |levels, valid| {
+            conversion(NewestRows {
+                levels: [self.grey.row(newest), levels],
+                valid: [self.valid(newest), valid],
+            })
+        }
     }
 
     /// Forgets the frame: the next line is line 0.
@@ -229,6 +258,31 @@ impl<'m> View<'m> {
     }
 }
 
+/// Converts the levels of a row, if they are to be converted. Levels at either end of the range, which
+/// may have been clipped, stay.
+fn convert_inside(levels: &mut [u8], conversion: Option<LevelConversion>) {
+    let Some(conversion) = conversion else {
+        return;
+    };
+    for level in levels {
+        let converted = conversion.apply(*level);
+        // Masks are all ones or none, so that the loop is vectorised.
+        let is_above = u8::from(*level > 0).wrapping_neg();
+        let is_highest = u8::from(*level == u8::MAX).wrapping_neg();
+        *level = converted & is_above | is_highest;
+    }
+}
+
+/// Grey of the newest line of the reference view and of the other view, in that order, each in the stored
+/// order of its view.
+#[derive(Debug)]
+pub(crate) struct NewestRows<'a> {
+    /// The levels.
+    pub(crate) levels: [&'a [u8]; 2],
+    /// The positions that the camera saw.
+    pub(crate) valid: [Range<usize>; 2],
+}
+
 /// A run of columns as positions of a row that is stored from right to left.
 fn mirrored(columns: Range<usize>, width: usize) -> Range<usize> {
     width.saturating_sub(columns.end)..width.saturating_sub(columns.start)
@@ -264,23 +318,40 @@ impl<'m> ViewPair<'m> {
         })
     }
 
-    /// Takes the next line of each camera. The lines of the other view lie `offset_q4` too low,
-    /// 1/16 line: see [`Strip::push_moved`].
+    /// Takes the next line of each camera.
     pub fn push(
         &mut self,
         left: &(impl Line + ?Sized),
         right: &(impl Line + ?Sized),
-        offset_q4: i8,
         kernels: &impl Kernels,
     ) {
+        self.push_mended(left, right, 0, |_| None, kernels);
+    }
+
+    /// Takes the next line of each camera. The levels of the other view's line are converted by what
+    /// `conversion` returns for both lines, but for those at either end of the range; then that line is
+    /// moved, as it lies `offset_q4` too low, 1/16 line: see [`Strip::push_moved`].
+    pub(crate) fn push_mended(
+        &mut self,
+        left: &(impl Line + ?Sized),
+        right: &(impl Line + ?Sized),
+        offset_q4: i8,
+        conversion: impl FnOnce(NewestRows<'_>) -> Option<LevelConversion>,
+        kernels: &impl Kernels,
+    ) {
+        let Self {
+            reference, other, ..
+        } = self;
         match self.side {
             Reference::Left => {
-                self.reference.push(left, kernels);
-                self.other.push_moved(right, offset_q4, kernels);
+                reference.push(left, kernels);
+                let conversion = reference.beside_newest(conversion);
+                other.push_mended(right, offset_q4, conversion, kernels);
             }
             Reference::Right => {
-                self.reference.push(right, kernels);
-                self.other.push_moved(left, offset_q4, kernels);
+                reference.push(right, kernels);
+                let conversion = reference.beside_newest(conversion);
+                other.push_mended(left, offset_q4, conversion, kernels);
             }
         }
     }

@@ -6,6 +6,7 @@ use core::ops::Range;
 use super::alignment::{Alignment, GreyRows, Match};
 use super::check::RowCheck;
 use super::exposure::Exposure;
+use super::line_gain::LineGain;
 use super::masks::{RowMasks, SgmMasks, block_first};
 use super::penalties::write_penalties;
 use super::plan::SgmPlan;
@@ -16,7 +17,7 @@ use crate::kernel::{
     path_scratch_bytes,
 };
 use crate::pattern::{PatternRow, Sampler, Synapses};
-use crate::rows::{Arena, Line, Strip, ViewPair, extend_run};
+use crate::rows::{Arena, Line, NewestRows, Strip, ViewPair, extend_run};
 
 /// Largest number of pixels of a run of costs without masks.
 const RUN_LANES: usize = 128;
@@ -30,6 +31,7 @@ pub struct SgmMatcher<'m, K, M = SgmMasks<'m, K>> {
     views: ViewPair<'m>,
     exposure: Exposure,
     alignment: Alignment,
+    line_gain: LineGain,
     /// Source of masks; `None` if every cell counts.
     masks: Option<M>,
     /// Cost of one differing cell, 1/256 of a cost, by the number of unmasked cells.
@@ -142,6 +144,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
             )?,
             exposure: Exposure::new(),
             alignment: Alignment::new(sgm.line_offset_max_q4, config.parameters.support),
+            line_gain: LineGain::new(sgm.line_gain_max_q8, config.disparities),
             masks,
             cell_costs_q8: cell_costs(sgm, arena.take(synapses + 1)?),
             costs: arena.take(width * stride)?,
@@ -174,6 +177,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         self.sampler.reset();
         self.exposure = Exposure::new();
         self.alignment.reset();
+        self.line_gain.reset();
         self.views.clear();
     }
 
@@ -195,7 +199,12 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         right: &(impl Line + ?Sized),
     ) -> Option<u32> {
         let offset_q4 = self.alignment.offset_q4();
-        self.views.push(left, right, offset_q4, &self.kernels);
+        // That of green, which is the largest part of grey; without colour, that of grey.
+        let exposure = self.exposure.conversion(self.plan.reference.channels() / 2);
+        let line_gain = &mut self.line_gain;
+        let conversion = |rows: NewestRows<'_>| line_gain.conversion(&rows, exposure.gain_q12);
+        self.views
+            .push_mended(left, right, offset_q4, conversion, &self.kernels);
         self.match_next(false)
     }
 

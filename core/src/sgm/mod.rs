@@ -1,7 +1,8 @@
 //! The SGM branch: distances of patterns as matching costs, aggregated, checked and filled.
 //!
 //! ```text
-//! two views -> patterns of a row (pattern)                                        SgmMatcher
+//! two views -> brightness of the other view's lines (line_gain)                   SgmMatcher
+//!           -> patterns of a row (pattern)
 //!           -> masks: which cells lie on the pixel's surface
 //!           -> matching costs: masked Hamming distance, and difference of levels
 //!              in the reference camera's exposure (exposure)
@@ -20,6 +21,7 @@ mod border;
 mod check;
 mod exposure;
 mod fill;
+mod line_gain;
 mod masks;
 mod matcher;
 mod medians;

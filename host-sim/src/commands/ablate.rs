@@ -38,7 +38,7 @@ pub struct Ablate {
 type Removal = (&'static str, fn(&mut SgmParameters) -> bool);
 
 /// The stages in the order in which data pass them.
-const REMOVALS: [Removal; 12] = [
+const REMOVALS: [Removal; 13] = [
     ("colour", |a| std::mem::replace(&mut a.colour, false)),
     ("smoothing", |a| std::mem::take(&mut a.smoothing_step) > 0),
     ("masks", |a| {
@@ -49,6 +49,9 @@ const REMOVALS: [Removal; 12] = [
     }),
     ("alignment of lines", |a| {
         std::mem::take(&mut a.line_offset_max_q4) > 0
+    }),
+    ("brightness of lines", |a| {
+        std::mem::take(&mut a.line_gain_max_q8) > 0
     }),
     ("P2 adapted to edges", |a| {
         std::mem::take(&mut a.p2_adaptation_q4) > 0

@@ -82,6 +82,9 @@ impl<'a> Arbitrary<'a> for Case {
         if seed % 3 == 0 {
             pair.hide_columns(seed);
         }
+        if seed % 8 > 3 {
+            pair.flicker(seed);
+        }
         // What is left changes single levels.
         while !u.is_empty() {
             let view = if u.arbitrary()? {
@@ -134,6 +137,7 @@ fn sgm_parameters(u: &mut Unstructured<'_>) -> Result<SgmParameters> {
         difference_weight_q4: u.int_in_range(0..=weight_max.min(255) as u8)?,
         difference_truncation,
         line_offset_max_q4: u.int_in_range(0..=16)?,
+        line_gain_max_q8: u.arbitrary()?,
         p1: u.int_in_range(0..=p2)?,
         p2,
         p2_floor: u.int_in_range(0..=p2)?,

@@ -369,6 +369,164 @@ impl Alignment {
     }
 }
 
+/// Brightness of single lines of the other view, as learned so far. Values are of the reference view and
+/// of the other view; levels are in units of 1/256.
+#[derive(Default)]
+struct LineGain {
+    lines: u32,
+    /// Running means of the means of lines, and running means of these.
+    means: [i64; 2],
+    means_again: [i64; 2],
+    spreads: [i64; 2],
+    above: [i64; 2],
+    /// Mean steps of the ratio and of the difference, in units of 1/65536.
+    steps: [i64; 2],
+    squares: i64,
+    products: i64,
+}
+
+/// `2 (a - b) / (a + b)`, in units of 1/65536, towards zero.
+fn relative(a: i64, b: i64) -> i64 {
+    if a + b == 0 {
+        return 0;
+    }
+    ((2 * (a - b)) * 65536 / (a + b)).clamp(-131_072, 131_072)
+}
+
+impl LineGain {
+    /// Converts line `y` of the other view.
+    fn mend(
+        &mut self,
+        [reference, raw]: [&View; 2],
+        y: i32,
+        exposure_gain: i64,
+        gain_max: u8,
+        config: &Config,
+        mended: &mut View,
+    ) {
+        if gain_max == 0 {
+            return;
+        }
+        let Some((means, spreads)) = Self::measure(reference, raw, y, config) else {
+            return;
+        };
+        self.lines += 1;
+        if self.lines == 1 {
+            (self.means, self.means_again, self.above) = (means, means, means);
+            self.spreads = spreads;
+            return;
+        }
+        let expected = [0, 1].map(|v| (2 * self.means[v] - self.means_again[v]).max(256));
+        let ratio =
+            |now: [i64; 2], before: [i64; 2]| relative(now[0] * before[1], now[1] * before[0]);
+        let difference = |before: [i64; 2]| {
+            let d = means[0] - before[0] - ((exposure_gain * (means[1] - before[1])) >> 12);
+            relative(means[0], means[0] - d)
+        };
+        let deviations = [ratio(means, expected), difference(expected)];
+        let steps = [ratio(means, self.above), difference(self.above)];
+        self.above = means;
+        let follow = |mean: i64, value: i64, parts: i64| mean + (value - mean).div_euclid(parts);
+        for v in 0..2 {
+            self.means[v] = follow(self.means[v], means[v], 128);
+            self.means_again[v] = follow(self.means_again[v], self.means[v], 128);
+            self.steps[v] = follow(self.steps[v], steps[v].abs(), 8);
+        }
+        let of_spreads = ratio(spreads, self.spreads);
+        self.spreads = [0, 1].map(|v| follow(self.spreads[v], spreads[v], 128));
+        let add = |sum: i64, product: i64| sum + product.div_euclid(256) - sum.div_euclid(32);
+        self.squares = add(self.squares, deviations[0] * deviations[0]);
+        self.products = add(self.products, deviations[0] * of_spreads);
+
+        if self.steps[0].min(self.steps[1]) < 786
+            || deviations[0].signum() * deviations[1].signum() < 0
+        {
+            return;
+        }
+        let least = deviations[0].abs().min(deviations[1].abs());
+        let counted = if least >= 2 * 1311 {
+            least
+        } else {
+            2 * (least - 1311).max(0)
+        };
+        let gain_max = i64::from(gain_max);
+        let most = (gain_max * 131_072) / (512 + gain_max);
+        let counted = counted.min(most) * deviations[0].signum();
+        let ratio = 4096 * (131_072 + counted) / (131_072 - counted);
+        let share = if self.squares == 0 {
+            256
+        } else {
+            (256 * self.products / self.squares).clamp(0, 256)
+        };
+        let gain = 4096 + ((ratio - 4096) * share).div_euclid(256);
+        let offset = ((ratio - gain) * means[1]).div_euclid(256);
+        for x in 0..raw.width {
+            let i = raw.index(x, y);
+            let planes = mended.channels.iter_mut().chain([&mut mended.grey]);
+            for plane in planes {
+                if (1..255).contains(&plane[i]) {
+                    let converted = (gain * i64::from(plane[i]) + offset + 2048).div_euclid(4096);
+                    plane[i] = converted.clamp(0, 255) as i32;
+                }
+            }
+        }
+    }
+
+    /// Means and spreads of both lines.
+    fn measure(
+        reference: &View,
+        other: &View,
+        y: i32,
+        config: &Config,
+    ) -> Option<([i64; 2], [i64; 2])> {
+        let disparities = config.disparities;
+        let shift = i32::from(disparities.minimum_px) + i32::from(disparities.count / 4);
+        // From the end at which columns are left out.
+        let seen_of = |view: &View, from: i32, until: i32| -> Vec<i32> {
+            (from..until)
+                .filter(|&x| view.seen[view.index(x, y)])
+                .collect()
+        };
+        let width = reference.width;
+        let own = seen_of(reference, shift.max(0), width + shift.min(0));
+        let mut others = seen_of(other, (-shift).max(0), width - shift.max(0));
+        others.reverse();
+        let sample = |view: &View, columns: &[i32]| -> Vec<i64> {
+            columns.iter().map(|&x| view.grey(x, y).into()).collect()
+        };
+        let unsorted = [sample(reference, &own), sample(other, &others)];
+        let mut levels = unsorted.clone();
+        for levels in &mut levels {
+            levels.sort_unstable();
+        }
+        let counts = levels.each_ref().map(Vec::len);
+        if counts.contains(&0) {
+            return None;
+        }
+        let clipped = levels
+            .each_ref()
+            .map(|levels| levels.iter().filter(|&&level| level == 255).count());
+        for v in 0..2 {
+            let of_other = clipped[1 - v] * counts[v] / counts[1 - v];
+            levels[v].truncate(counts[v] - clipped[v].max(of_other));
+        }
+        if levels.iter().any(|levels| levels.len() < 16) {
+            return None;
+        }
+        let mean =
+            |values: &[i64], unit: i64| values.iter().sum::<i64>() * unit / values.len() as i64;
+        let means = levels.each_ref().map(|levels| mean(levels, 256));
+        let spreads = [0, 1].map(|v| {
+            let top = *levels[v].last().unwrap();
+            let every_fourth = unsorted[v].iter().step_by(4).filter(|&&level| level <= top);
+            let distances = every_fourth.map(|level| (level * 256 - means[v]).abs() / 16);
+            let distances: Vec<i64> = distances.collect();
+            distances.iter().sum::<i64>() * 16 / (distances.len() as i64).max(1)
+        });
+        Some((means.map(|m| m.max(256)), spreads.map(|s| s.max(256))))
+    }
+}
+
 /// Takes line `y` as the strip has it when it arrives, and smooths the line above it.
 fn smooth(view: &View, y: i32, step_max: i32, smoothed: &mut [i32]) {
     for x in 0..view.width {
@@ -424,6 +582,8 @@ fn find(
     let weight = i32::from(a.difference_weight_q4);
     let support_y = config.parameters.support.y_px;
     let mut alignment = Alignment::default();
+    let mut line_gain = LineGain::default();
+    let mut mended_other = raw_other.clone();
     let mut other = raw_other.clone();
     let support = config.parameters.support;
     let smooths = a.smoothing_step > 0 && support.x_px > 0 && support.y_px > 0;
@@ -436,7 +596,15 @@ fn find(
         .chain((0..height).map(|y| (y, false)))
     {
         while lines_in < height && lines_in <= y + i32::from(support_y) {
-            alignment.moved(raw_other, lines_in, &mut other);
+            line_gain.mend(
+                [reference, raw_other],
+                lines_in,
+                exposure.gain[if channels == 3 { 1 } else { 0 }],
+                a.line_gain_max_q8,
+                config,
+                &mut mended_other,
+            );
+            alignment.moved(&mended_other, lines_in, &mut other);
             if smooths {
                 for (view, smoothed) in [reference, &other].into_iter().zip(&mut smoothed) {
                     smooth(view, lines_in, a.smoothing_step.into(), smoothed);
