@@ -58,7 +58,13 @@ impl CameraOptions {
     /// Whether one of them is given.
     #[must_use]
     pub fn are_given(&self) -> bool {
-        self.focal.is_some() || !self.calibration.is_empty()
+        self.focal.is_some() || self.is_calibrated()
+    }
+
+    /// Whether a calibration is given.
+    #[must_use]
+    pub fn is_calibrated(&self) -> bool {
+        !self.calibration.is_empty()
     }
 
     /// Reads the files, for images of this size, px; `None`: of that which the files state.

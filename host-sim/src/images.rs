@@ -140,6 +140,14 @@ impl ImageFile {
     }
 }
 
+/// Whether a file begins as an image of a format that is read.
+#[must_use]
+pub fn is_image(path: &Path) -> bool {
+    let mut head = Vec::new();
+    let read = File::open(path).and_then(|file| file.take(HEAD_BYTES).read_to_end(&mut head));
+    read.is_ok() && format_of(&head).is_ok()
+}
+
 /// Returns the bytes of an image file. What does not begin as one is not read on, as it may have no end.
 fn read_image(mut reader: impl Read) -> Result<Vec<u8>> {
     let mut head = Vec::new();

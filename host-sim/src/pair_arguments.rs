@@ -1,4 +1,4 @@
-//! The arguments that name the images of a pair, or of many.
+//! The arguments that name the images of a pair, or of many, or a recording.
 
 use std::path::PathBuf;
 
@@ -6,7 +6,7 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 
 use crate::escapes::shown;
-use crate::images::Arrangement;
+use crate::images::{Arrangement, is_image};
 use crate::pair_files::Pair;
 use crate::pair_lists::{self, Found};
 
@@ -15,7 +15,8 @@ use crate::pair_lists::{self, Found};
 pub struct PairArguments {
     /// Left image, rectified unless --calibration is given: PNG, JPEG, TIFF, WebP, BMP, PGM or PPM,
     /// in colour or grey; - reads standard input. With --side-by-side or --top-bottom, the picture
-    /// of both views. Of many pairs: a folder, or a list whose name ends in .txt.
+    /// of both views. Of many pairs: a folder, a list whose name ends in .txt, or a recording of a
+    /// board's link.
     left: PathBuf,
     /// Right image, of the same size; where one of the two is grey, grey is matched. Beside a folder of
     /// left images, that of the right ones.
@@ -38,10 +39,12 @@ pub enum Given {
     One(Pair),
     /// Many pairs, or those of a folder or a list, though it were one.
     Many(Found),
+    /// A recording of a board's link, or what is meant as one: a file that is no image.
+    Recording(PathBuf),
 }
 
 impl PairArguments {
-    /// The pair or the pairs. Of one, nothing was read yet.
+    /// The pair, the pairs or the recording. Of one pair, nothing was read yet.
     ///
     /// # Errors
     /// Fails with one line that names the file, folder or argument and the reason.
@@ -68,6 +71,9 @@ impl PairArguments {
         let Some(right) = &self.right else {
             if left.extension().is_some_and(|ending| ending == "txt") {
                 return Ok(Given::Many(pair_lists::in_list(left, arrangement)?));
+            }
+            if arrangement.is_none() && left.is_file() && !is_image(left) {
+                return Ok(Given::Recording(left.clone()));
             }
             let arrangement = arrangement.with_context(|| {
                 format!(

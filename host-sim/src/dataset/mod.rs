@@ -182,27 +182,91 @@ pub fn load_calibrated(
     bits: Option<u8>,
     interpolation: Interpolation,
 ) -> Result<(Scene, Rectified)> {
+    let meta = read_meta(folder)?;
+    let views = read_views(folder, bits)?;
+    let (truth, size) = read_truth(folder, &meta, None)?;
+    let raw_size = views.left.dimensions();
+    let made = rectification(folder, &meta, [raw_size, size], interpolation)?;
+    Ok((scene(folder, &meta, views, truth), made))
+}
+
+/// The ground truth of a scene, for views from elsewhere.
+#[derive(Debug, Clone)]
+pub struct KnownScene {
+    /// The folder of the scene.
+    pub folder: PathBuf,
+    meta: Meta,
+    /// The ground truth.
+    pub truth: GroundTruth,
+    /// Width and height of its view, px.
+    pub size: (u32, u32),
+}
+
+impl KnownScene {
+    /// Loads the truth of the scene in a folder, which needs no views. Otherwise as [`load_scene`].
+    ///
+    /// # Errors
+    /// Fails with one line that names the file and the reason.
+    pub fn load(folder: &Path) -> Result<Self> {
+        let meta = read_meta(folder)?;
+        let (truth, size) = read_truth(folder, &meta, None)?;
+        Ok(Self {
+            folder: folder.to_owned(),
+            meta,
+            truth,
+            size,
+        })
+    }
+
+    /// The largest disparity to search, px.
+    #[must_use]
+    pub fn d_max(&self) -> u16 {
+        self.meta.d_max
+    }
+
+    /// The rectification that the truth is for, of views of this size, px, as the cameras gave them, by the
+    /// calibration that [`load_calibrated`] takes.
+    ///
+    /// # Errors
+    /// Fails with one line that names the file and the reason.
+    pub fn rectification(
+        &self,
+        raw_size: (u32, u32),
+        interpolation: Interpolation,
+    ) -> Result<Rectified> {
+        rectification(
+            &self.folder,
+            &self.meta,
+            [raw_size, self.size],
+            interpolation,
+        )
+    }
+}
+
+/// The rectification by the calibration of a scene, for raw views and rectified ones of these sizes, px.
+fn rectification(
+    folder: &Path,
+    meta: &Meta,
+    sizes: [(u32, u32); 2],
+    interpolation: Interpolation,
+) -> Result<Rectified> {
     let (name, text) = meta_text(folder)?;
-    let meta = Meta::parse(&text, &name)?;
     ensure!(
         !meta.calibration_files.is_empty(),
         "{name}: there are no calibration_files"
     );
-    let views = read_views(folder, bits)?;
-    let (truth, (width, height)) = read_truth(folder, &meta, None)?;
     let paths = meta.calibration_files.iter().map(|file| folder.join(file));
     let files = read_all(&paths.collect::<Vec<_>>())?;
     let side = |px: u32| u16::try_from(px).context("a view is too large");
-    let (raw_width, raw_height) = views.left.dimensions();
+    let [raw, view] = sizes.map(|(width, height)| anyhow::Ok([side(width)?, side(height)?]));
     let options = Options {
-        size: Some([side(raw_width)?, side(raw_height)?]),
-        view_size: Some([side(width)?, side(height)?]),
+        size: Some(raw?),
+        view_size: Some(view?),
         projections: projections(&name, text.as_bytes())?,
         interpolation,
         ..Options::default()
     };
-    let made = rectify(&files, &options)?;
-    Ok((scene(folder, &meta, views, truth), made))
+    rectify(&files, &options)
 }
 
 fn read_meta(folder: &Path) -> Result<Meta> {

@@ -82,6 +82,23 @@ pub(crate) struct Outcome {
     pub stderr: String,
 }
 
+/// The files below a folder, each with its bytes, by their paths in it.
+pub(crate) fn files_below(folder: &Path) -> Vec<(String, Vec<u8>)> {
+    let mut files = Vec::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_str().unwrap().to_owned();
+        if path.is_dir() {
+            let below = files_below(&path).into_iter();
+            files.extend(below.map(|(inner, bytes)| (format!("{name}/{inner}"), bytes)));
+        } else {
+            files.push((name, fs::read(path).unwrap()));
+        }
+    }
+    files.sort();
+    files
+}
+
 /// Returns a texture without repetition, moved to the left by `shift` columns.
 pub(crate) fn texture(shift: u32) -> RgbImage {
     RgbImage::from_fn(WIDTH, HEIGHT, |x, y| {

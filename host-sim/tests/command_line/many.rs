@@ -2,12 +2,11 @@
 //! threads, and a bad pair spoils no other.
 
 use std::fs;
-use std::path::Path;
 
 use image::imageops::crop_imm;
 use serde_json::Value;
 
-use crate::fixture::{Fixture, HEIGHT, Outcome, SHIFT, WIDTH, texture};
+use crate::fixture::{Fixture, HEIGHT, Outcome, SHIFT, WIDTH, files_below, texture};
 
 /// Width and first column of each pair: the views are cut out of a texture.
 const PAIRS: [(&str, u32, u32); 5] = [
@@ -50,23 +49,6 @@ fn matched(fixture: &Fixture, images: &[&str], outputs: &[&str], more: &[&str]) 
     fixture.run(&[&["match"], images, outputs, &OPTIONS, more].concat())
 }
 
-/// The files below a folder, each with its bytes, by their paths in it.
-fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
-    let mut files = Vec::new();
-    for entry in fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        let name = path.file_name().unwrap().to_str().unwrap().to_owned();
-        if path.is_dir() {
-            let below = self::files(&path).into_iter();
-            files.extend(below.map(|(inner, bytes)| (format!("{name}/{inner}"), bytes)));
-        } else {
-            files.push((name, fs::read(path).unwrap()));
-        }
-    }
-    files.sort();
-    files
-}
-
 #[test]
 fn many_pairs_give_the_files_of_single_matches_at_any_number_of_threads() {
     let fixture = fixture();
@@ -78,13 +60,16 @@ fn many_pairs_give_the_files_of_single_matches_at_any_number_of_threads() {
         let outcome = matched(&fixture, &[&left, &right], &outputs, &[]);
         assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
     }
-    let expected = files(&fixture.path("o"));
+    let expected = files_below(&fixture.path("o"));
     assert_eq!(expected.len(), 25);
     for threads in ["1", "2", "3", "9"] {
         fs::remove_dir_all(fixture.path("o")).unwrap();
         let outcome = matched(&fixture, &["pictures"], &OUTPUTS, &["--threads", threads]);
         assert_eq!((outcome.code, outcome.stderr.as_str()), (Some(0), ""));
-        assert!(files(&fixture.path("o")) == expected, "{threads} threads");
+        assert!(
+            files_below(&fixture.path("o")) == expected,
+            "{threads} threads"
+        );
         for words in ["| 01 ", "60x40", "| 03 ", "48x40", "5 of 5 pairs"] {
             assert!(
                 outcome.stdout.contains(words),
@@ -119,7 +104,7 @@ fn many_pairs_give_the_files_of_single_matches_at_any_number_of_threads() {
         fs::remove_dir_all(fixture.path("o")).unwrap();
         let outcome = matched(&fixture, images, &OUTPUTS, &[]);
         assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
-        assert!(files(&fixture.path("o")) == expected, "{images:?}");
+        assert!(files_below(&fixture.path("o")) == expected, "{images:?}");
     }
 }
 
@@ -128,7 +113,7 @@ fn a_bad_pair_is_named_with_the_reason_and_the_others_are_matched() {
     let fixture = fixture();
     let good = matched(&fixture, &["pictures"], &OUTPUTS, &[]);
     assert_eq!(good.code, Some(0), "{}", good.stderr);
-    let mut expected = files(&fixture.path("o"));
+    let mut expected = files_below(&fixture.path("o"));
     expected.retain(|(path, _)| !path.starts_with("02") && !path.starts_with("03"));
     fs::remove_dir_all(fixture.path("o")).unwrap();
     // One breaks off, the views of another differ in size, and one has no partner.
@@ -142,7 +127,10 @@ fn a_bad_pair_is_named_with_the_reason_and_the_others_are_matched() {
         let more = ["--threads", threads];
         let outcome = matched(&fixture, &["pictures"], &OUTPUTS, &more);
         assert_eq!(outcome.code, Some(2), "{}", outcome.stderr);
-        assert!(files(&fixture.path("o")) == expected, "{threads} threads");
+        assert!(
+            files_below(&fixture.path("o")) == expected,
+            "{threads} threads"
+        );
         assert!(
             outcome.stdout.contains("3 of 5 pairs"),
             "{}",

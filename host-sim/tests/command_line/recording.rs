@@ -8,16 +8,21 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use assert_cmd::cargo::CommandCargoExt;
-use vgstereo_link::board::{FrameBegun, Hello, Outcome, View};
+use vgstereo_link::board::Outcome;
 use vgstereo_link::{
-    BoardMessage, Decoder, Encoder, HostMessage, Line, PixelFormat, Region, Selection, Source,
-    State, Streams, Values,
+    BoardMessage, Decoder, Encoder, HostMessage, Line, Selection, Source, State, Streams, Values,
 };
 
 use crate::fixture::Fixture;
+use crate::link::Board;
 
 const WIDTH: u16 = 40;
 const HEIGHT: u32 = 20;
+const BOARD: Board = Board {
+    size: (WIDTH, HEIGHT),
+    rectifies: false,
+    camera: None,
+};
 
 /// A board at a TCP port for one host: it answers every command, sends frames once it was started, with a
 /// byte changed and a packet left out in some, in pieces of no regular size, and returns all it has sent.
@@ -43,7 +48,7 @@ fn board(listener: &TcpListener) -> Vec<u8> {
                         waiting.extend_from_slice(encoder.encode(0, &message).unwrap());
                     };
                     if packet.message == HostMessage::SendHello {
-                        send(hello());
+                        send(BOARD.hello());
                     }
                     send(BoardMessage::Answer {
                         sequence: packet.sequence,
@@ -69,28 +74,6 @@ fn board(listener: &TcpListener) -> Vec<u8> {
     }
 }
 
-fn hello() -> BoardMessage<'static> {
-    let view = View {
-        width_px: WIDTH,
-        height_lines: HEIGHT,
-        format: PixelFormat::Grey8,
-    };
-    BoardMessage::Hello(Hello {
-        device: "board",
-        firmware: "1",
-        raw: view,
-        matched: view,
-        preset: "lite",
-        disparity_min_px: 0,
-        disparity_count: 48,
-        latency_lines: 2,
-        streams: Streams::DISPARITIES.with(Streams::CONFIDENCES),
-        calibration_crc32: None,
-        rectifies: false,
-        piece_bytes_max: 0,
-    })
-}
-
 fn state(is_started: bool) -> BoardMessage<'static> {
     BoardMessage::State(State {
         is_started,
@@ -102,17 +85,7 @@ fn state(is_started: bool) -> BoardMessage<'static> {
 
 /// The packets of a frame, of which every third is damaged.
 fn frame(encoder: &mut Encoder<'_>, frame: u32) -> Vec<u8> {
-    let region = Region {
-        x_px: 0,
-        y_lines: 0,
-        width_px: WIDTH,
-        height_lines: HEIGHT,
-    };
-    let begun = BoardMessage::FrameBegun(FrameBegun {
-        frame,
-        timestamp_us: 0,
-        region,
-    });
+    let begun = BOARD.begun(frame);
     let mut bytes = encoder.encode(0, &begun).unwrap().to_vec();
     for line in 0..HEIGHT {
         let values = [(frame + line) as i16; WIDTH as usize];

@@ -2,11 +2,10 @@
 
 use std::fs;
 
-use image::RgbImage;
-use vgstereo_link::board::{Camera, FrameBegun, Hello, LinePair, View};
-use vgstereo_link::{BoardMessage, Encoder, Line, PixelFormat, Region, Streams, Values};
+use vgstereo_link::board::Camera;
 
 use crate::fixture::Fixture;
+use crate::link::{Board, Sent};
 
 #[test]
 fn a_rendered_wall_is_judged_and_pictured() {
@@ -58,83 +57,6 @@ fn a_rendered_wall_is_judged_and_pictured() {
 const WIDTH: u16 = 160;
 const HEIGHT: u32 = 120;
 
-/// What a board sends of a frame.
-#[derive(Default)]
-struct Sent {
-    pair: Option<[RgbImage; 2]>,
-    disparities_q4: Option<Vec<i16>>,
-}
-
-/// The bytes of the link of these frames.
-fn link(frames: &[Sent], camera: Camera) -> Vec<u8> {
-    let mut memory = vec![0; 8192];
-    let mut encoder = Encoder::new(&mut memory);
-    let mut bytes = Vec::new();
-    let mut send = |message: &BoardMessage<'_>| {
-        bytes.extend_from_slice(encoder.encode(0, message).unwrap());
-    };
-    let view = View {
-        width_px: WIDTH,
-        height_lines: HEIGHT,
-        format: PixelFormat::Rgb888,
-    };
-    send(&BoardMessage::Hello(Hello {
-        device: "wall",
-        firmware: "1",
-        raw: view,
-        matched: view,
-        preset: "lite",
-        disparity_min_px: 0,
-        disparity_count: 32,
-        latency_lines: 2,
-        streams: Streams::RAW,
-        calibration_crc32: None,
-        rectifies: false,
-        piece_bytes_max: 0,
-    }));
-    send(&BoardMessage::Camera(camera));
-    let region = Region {
-        x_px: 0,
-        y_lines: 0,
-        width_px: WIDTH,
-        height_lines: HEIGHT,
-    };
-    for (frame, sent) in (0..).zip(frames) {
-        send(&BoardMessage::FrameBegun(FrameBegun {
-            frame,
-            timestamp_us: 0,
-            region,
-        }));
-        for line in 0..HEIGHT {
-            if let Some([left, right]) = &sent.pair {
-                let bytes = 3 * usize::from(WIDTH);
-                let row =
-                    |view: &RgbImage| view.as_raw()[line as usize * bytes..][..bytes].to_vec();
-                send(&BoardMessage::RawPair(LinePair {
-                    frame,
-                    line,
-                    format: PixelFormat::Rgb888,
-                    left: &row(left),
-                    right: &row(right),
-                }));
-            }
-            if let Some(disparities_q4) = &sent.disparities_q4 {
-                let width = usize::from(WIDTH);
-                let values = &disparities_q4[line as usize * width..][..width];
-                let values = Values::Plain(values);
-                send(&BoardMessage::Disparities(Line {
-                    frame,
-                    line,
-                    column: 0,
-                    values,
-                }));
-            }
-        }
-        send(&BoardMessage::FrameDone { frame });
-    }
-    bytes
-}
-
 /// The numbers of the table that `wall` prints.
 fn figures(text: &str) -> Vec<f64> {
     let cells = text
@@ -168,17 +90,21 @@ fn a_recording_is_judged_as_its_pairs_are_and_its_disparities_are_those_of_the_b
         depth_q8: (focal_px * baseline_mm * 256.0).round() as u32,
         offset_q8: 0,
     };
+    let board = Board {
+        camera: Some(camera),
+        ..Board::new((WIDTH, HEIGHT))
+    };
     let pairs = ["01", "02"].map(|number| {
         let view = |side| {
             let path = fixture.path(&format!("wall/{side}_{number}.png"));
             image::open(path).unwrap().into_rgb8()
         };
         Sent {
-            pair: Some(["left", "right"].map(view)),
+            raw: Some(["left", "right"].map(view)),
             ..Sent::default()
         }
     });
-    fs::write(fixture.path("pairs.bin"), link(&pairs, camera)).unwrap();
+    fs::write(fixture.path("pairs.bin"), board.bytes(&pairs)).unwrap();
     let pictures = [
         "wall/left_01.png",
         "wall/right_01.png",
@@ -208,7 +134,7 @@ fn a_recording_is_judged_as_its_pairs_are_and_its_disparities_are_those_of_the_b
             ..Sent::default()
         }
     });
-    fs::write(fixture.path("disparities.bin"), link(&frames, camera)).unwrap();
+    fs::write(fixture.path("disparities.bin"), board.bytes(&frames)).unwrap();
     let outcome = fixture.run(&["wall", "disparities.bin", "--distance", "1500"]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
     assert!(outcome.stdout.contains("the board's disparities, 2 frames"));

@@ -3,11 +3,11 @@
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use image::ImageFormat;
 use serde::Serialize;
-use vgstereo_core::Preset;
+use vgstereo_core::{DisparityRange, Preset};
 
 use crate::arguments::{
     InterpolationName, Overrides, name_of, output_of, parse_preset, parse_threshold,
@@ -17,17 +17,18 @@ use crate::dataset::{
 };
 use crate::escapes::{shown, shown_name};
 use crate::files::{encode, ensure_distinct_outputs, make_folder, write_files};
-use crate::frame::Matched;
 use crate::images::{bits_note, parse_bits};
 use crate::line_offset::{LineOffset, lowered};
 use crate::pictures::{colour_disparities, error_map};
 use crate::prepared::Prepared;
+use crate::scene::GroundTruth;
 use crate::terminal::{note, progress_bar};
 use compare::{Ranked, ensure_comparable, ensure_has_masks, rank, ranking_table};
-use report::{PresetReport, SceneReport, results_table};
+use report::{Cost, PresetReport, RecordingReport, SceneReport, results_table};
 use spread::SpreadReport;
 
 mod compare;
+mod recorded;
 mod report;
 mod spread;
 
@@ -36,11 +37,17 @@ mod spread;
 #[command(
     after_help = "DIR holds one folder per scene: left.png, right.png, gt_left.png, meta.toml (d_max, gt_scale),\n\
     and the masks nonocc.png, all.png, disc.png where there are.\n\n\
-    Example: vgstereo eval middlebury tsukuba venus teddy cones --preset paper-raw,paper --compare"
+    Scenes:      vgstereo eval middlebury tsukuba venus teddy cones --preset paper-raw,paper --compare\n\
+    A recording: vgstereo eval walk.mcap --truth middlebury/teddy --preset micro\n\n\
+    Of a recording, the disparities that the board has found are judged, as `board`, and its pairs are matched with the \
+    presets that --preset names; with all presets, where there are pairs alone. The scene of --truth needs no views."
 )]
 pub struct Eval {
-    /// Folder of scenes.
+    /// Folder of scenes, or with --truth a recording of a board's link.
     dir: PathBuf,
+    /// Judge each frame of a recording by the truth of the scene in this folder, which the board saw.
+    #[arg(long, value_name = "SCENE", conflicts_with_all = ["scenes", "seeds", "compare", "bits"])]
+    truth: Option<PathBuf>,
     /// Scenes to measure, by the name of their folder [default: all directly in DIR].
     scenes: Vec<String>,
     /// Presets, separated by commas [default: all].
@@ -100,6 +107,9 @@ pub struct Eval {
 #[derive(Debug, Serialize)]
 struct Report<'a> {
     presets: &'a [PresetReport],
+    /// What the recording lacks that was judged.
+    #[serde(flatten)]
+    recording: Option<RecordingReport>,
     /// The presets and the published methods on the scenes of Middlebury v2, best first.
     #[serde(skip_serializing_if = "Option::is_none")]
     comparison: Option<Vec<Ranked>>,
@@ -121,6 +131,14 @@ impl Eval {
         for &preset in &presets {
             self.overrides.apply(preset)?;
         }
+        if let Some(truth) = &self.truth {
+            return self.recorded(truth, &presets);
+        }
+        ensure!(
+            !self.dir.is_file(),
+            "{} is no folder of scenes; of a recording, --truth names the scene",
+            shown(&self.dir)
+        );
         let folders = find_scenes(&self.dir, &self.scenes)?;
         if self.compare {
             ensure_comparable(self.threshold, &folders)?;
@@ -131,7 +149,7 @@ impl Eval {
         }
         let by_seed = self.measure_all(&presets, &folders)?;
         match by_seed.as_slice() {
-            [presets] => self.report_one(presets),
+            [presets] => self.report_one(presets, None),
             by_seed => self.report_spread(by_seed),
         }
     }
@@ -153,7 +171,7 @@ impl Eval {
             let runs = self.seeds().into_iter();
             let runs = runs.flat_map(|seed| presets.iter().map(move |&preset| (seed, preset)));
             let outputs: Vec<PathBuf> = runs
-                .flat_map(|(seed, preset)| self.picture_paths(out, &name, preset, seed))
+                .flat_map(|(seed, preset)| self.picture_paths(out, &name, preset.name(), seed))
                 .collect();
             let outputs: Vec<&Path> = outputs.iter().map(PathBuf::as_path).collect();
             ensure_distinct_outputs(&inputs, &outputs).context("--out")?;
@@ -174,7 +192,7 @@ impl Eval {
         &self,
         out: &Path,
         scene: &str,
-        preset: Preset,
+        preset: &str,
         seed: Option<u64>,
     ) -> [PathBuf; 2] {
         let seed = seed.filter(|_| !self.seeds.is_empty());
@@ -262,38 +280,30 @@ impl Eval {
         let matched = prepared.matched(overrides.apply(preset)?, output, self.threads.get())?;
         let bad = prepared.measure(&matched, self.threshold, self.sparse)?;
         if let Some(out) = &self.out {
-            let paths = self.picture_paths(out, &prepared.scene.name, preset, overrides.seed);
-            self.write_pictures(&paths, prepared, &matched)?;
+            let scene = &prepared.scene;
+            let paths = self.picture_paths(out, &scene.name, preset.name(), overrides.seed);
+            let (map, width) = (&matched.disparities_q4, scene.left.width());
+            let disparities = prepared.disparities();
+            self.write_pictures(&paths, map, width, disparities, scene.truth.as_ref())?;
         }
         let scene = &prepared.scene;
-        let (width, height) = scene.left.dimensions();
-        Ok(SceneReport {
-            scene: scene.name.clone(),
-            width,
-            height,
-            d_max: scene.d_max,
-            nonocc: bad.nonocc,
-            all: bad.all,
-            disc: bad.disc,
-            average: bad.average(),
-            invalid: bad.invalid,
-            seconds: matched.time.as_secs_f64(),
-            working_bytes: matched.working_bytes,
-            latency_lines: matched.latency_lines,
-        })
+        let cost = Some(Cost::of(&matched));
+        let size = scene.left.dimensions();
+        Ok(SceneReport::new(&scene.name, size, scene.d_max, &bad, cost))
     }
 
+    /// Writes pictures of disparities, 1/16 px, in lines of `width` px, and of their errors.
     fn write_pictures(
         &self,
         [disparity_path, error_path]: &[PathBuf; 2],
-        prepared: &Prepared,
-        matched: &Matched,
+        map: &[i16],
+        width: u32,
+        disparities: DisparityRange,
+        truth: Option<&GroundTruth>,
     ) -> Result<()> {
-        let scene = &prepared.scene;
-        let (map, width) = (&matched.disparities_q4, scene.left.width());
-        let coloured = colour_disparities(map, width, prepared.disparities());
+        let coloured = colour_disparities(map, width, disparities);
         let mut files = vec![(disparity_path, encode(&coloured.into(), ImageFormat::Png)?)];
-        if let Some(truth) = &scene.truth {
+        if let Some(truth) = truth {
             let errors = error_map(map, width, truth, self.threshold);
             files.push((error_path, encode(&errors.into(), ImageFormat::Png)?));
         }
@@ -305,11 +315,16 @@ impl Eval {
     }
 
     /// Returns the table or the JSON of a single seed.
-    fn report_one(&self, presets: &[PresetReport]) -> Result<String> {
+    fn report_one(
+        &self,
+        presets: &[PresetReport],
+        recording: Option<RecordingReport>,
+    ) -> Result<String> {
         let comparison = self.compare.then(|| rank(presets));
         if self.json {
             let report = Report {
                 presets,
+                recording,
                 comparison,
             };
             return Ok(serde_json::to_string(&report)? + "\n");

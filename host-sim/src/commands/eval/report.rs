@@ -3,7 +3,8 @@
 use serde::Serialize;
 
 use crate::escapes::shown_name;
-use crate::metrics::mean;
+use crate::frame::Matched;
+use crate::metrics::{BadPixels, mean};
 use crate::published::{PAPER, SCENES};
 use crate::tables::{kib, percent, table};
 
@@ -18,11 +19,11 @@ pub(super) struct PresetReport {
     pub(super) scenes: Vec<SceneReport>,
 }
 
-/// The figures of one preset on one scene. Bad pixels are in percent; a figure is `None` when
+/// The figures of one preset on one scene, or on one frame of a recording. Bad pixels are in percent; a figure is `None` when
 /// the scene does not have its mask.
 #[derive(Debug, Serialize)]
 pub(super) struct SceneReport {
-    /// The name of the scene.
+    /// The name of the scene or the number of the frame.
     pub(super) scene: String,
     /// The width of each view, px.
     pub(super) width: u32,
@@ -40,12 +41,64 @@ pub(super) struct SceneReport {
     pub(super) average: Option<f64>,
     /// Pixels without a disparity, percent of the image.
     pub(super) invalid: f64,
-    /// Time that matching took, s.
+    /// What matching took; `None` of what a board has matched.
+    #[serde(flatten)]
+    pub(super) cost: Option<Cost>,
+}
+
+/// What matching took.
+#[derive(Debug, Serialize)]
+pub(super) struct Cost {
+    /// Time, s.
     pub(super) seconds: f64,
     /// Working memory of the matcher, bytes.
     pub(super) working_bytes: usize,
     /// Lines from a pair going in to its disparities coming out.
     pub(super) latency_lines: u32,
+}
+
+impl SceneReport {
+    /// The figures of disparities of a scene of this name and size, px, of which `d_max` is the largest.
+    pub(super) fn new(
+        scene: &str,
+        (width, height): (u32, u32),
+        d_max: u16,
+        bad: &BadPixels,
+        cost: Option<Cost>,
+    ) -> Self {
+        Self {
+            scene: scene.to_owned(),
+            width,
+            height,
+            d_max,
+            nonocc: bad.nonocc,
+            all: bad.all,
+            disc: bad.disc,
+            average: bad.average(),
+            invalid: bad.invalid,
+            cost,
+        }
+    }
+}
+
+impl Cost {
+    /// What matching a frame took.
+    pub(super) fn of(matched: &Matched) -> Self {
+        Self {
+            seconds: matched.time.as_secs_f64(),
+            working_bytes: matched.working_bytes,
+            latency_lines: matched.latency_lines,
+        }
+    }
+}
+
+/// The JSON of what a recording lacks.
+#[derive(Debug, Serialize)]
+pub(super) struct RecordingReport {
+    /// Number of frames with nothing that can be judged.
+    pub(super) left_out: u64,
+    /// Up to where it is whole, if not to its end.
+    pub(super) damage: Option<String>,
 }
 
 impl PresetReport {
@@ -70,6 +123,8 @@ pub(super) fn results_table(presets: &[PresetReport], threshold_px: f32, sparse:
     );
     for preset in presets {
         for scene in &preset.scenes {
+            let cost = scene.cost.as_ref();
+            let of_cost = |shown: fn(&Cost) -> String| cost.map_or_else(|| "-".to_owned(), shown);
             table.add_row([
                 preset.preset.clone(),
                 shown_name(&scene.scene),
@@ -78,9 +133,9 @@ pub(super) fn results_table(presets: &[PresetReport], threshold_px: f32, sparse:
                 percent(scene.disc),
                 percent(scene.average),
                 percent(Some(scene.invalid)),
-                format!("{:.1}", scene.seconds * 1e3),
-                kib(scene.working_bytes),
-                scene.latency_lines.to_string(),
+                of_cost(|cost| format!("{:.1}", cost.seconds * 1e3)),
+                of_cost(|cost| kib(cost.working_bytes)),
+                of_cost(|cost| cost.latency_lines.to_string()),
             ]);
         }
         table.add_row(average_row(&preset.preset, preset.average));

@@ -1,9 +1,11 @@
-//! `vgstereo match`: matches pairs of images, rectified before or by a calibration, and writes maps
+//! `vgstereo match`: matches pairs of images or of a recording, rectified before or by a calibration, and writes maps
 //! of disparity and depth, points and scans.
 
 mod many;
 mod options;
 mod plan;
+mod recorded;
+mod rows;
 mod targets;
 
 use std::fmt::Write;
@@ -13,7 +15,7 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 
 use self::options::Options;
-use self::plan::Plan;
+use self::plan::{Kind, Plan};
 use self::targets::Targets;
 use crate::arguments::name_of;
 use crate::escapes::shown;
@@ -42,11 +44,15 @@ use crate::terminal::{Said, write_output};
     Of a folder:         vgstereo match pictures --out 'maps/{}.png' --colour 'colours/{}.png' --threads 4\n\
     Of two folders:      vgstereo match image_2 image_3 --out 'maps/{}.png'\n\
     Of a list:           vgstereo match pairs.txt --out 'maps/{}.png'\n\
-    One after the other: vgstereo match l1.png r1.png l2.png r2.png --out 'maps/{}.pfm'\n\n\
+    One after the other: vgstereo match l1.png r1.png l2.png r2.png --out 'maps/{}.pfm'\n\
+    Of a recording:      vgstereo match walk.mcap --out 'maps/{}.png'\n\n\
     The images of a pair in a folder, or in folders in it, differ in the side alone: left_01.png right_01.png, \
     a_left.png a_right.png, 7-l.png 7-r.png, left/7.png right/7.png, cam0/7.png cam1/7.png, a/im0.png a/im1.png, \
     image_0/7.png image_1/7.png, or image_2 and image_3. A list has a left and a right image on each line, and a name \
-    if wanted; tabs stand between names with spaces. With --side-by-side or --top-bottom each image is a pair."
+    if wanted; tabs stand between names with spaces. With --side-by-side or --top-bottom each image is a pair.\n\n\
+    The pairs of a recording are named for the numbers of their frames. Rectified pairs are matched as they are, and so \
+    are raw ones unless the board rectifies: those take --calibration. The cameras are those that the board has told, \
+    or of --calibration. Frames without a whole pair are left out and counted."
 )]
 pub struct Match {
     #[command(flatten)]
@@ -71,6 +77,7 @@ impl Match {
                 match_one(&self.options, &pair)
             }
             Given::Many(found) => many::run(&self.options, &found),
+            Given::Recording(path) => recorded::run(&self.options, &path),
         }
     }
 }
@@ -90,7 +97,7 @@ fn match_one(options: &Options, pair: &Pair) -> Result<Said> {
     ensure_distinct_outputs(&inputs, &outputs).context(targets::OPTIONS)?;
     // What can be refused is, before anything is decoded.
     let files = pair.open()?;
-    let plan = Plan::new(options, &targets, files.dimensions()?)?;
+    let plan = Plan::new(options, &targets, Kind::of_images(files.dimensions()?))?;
     let images = files.decode(options.bits)?;
     drop(files);
     let bits = images.bits;

@@ -1,8 +1,8 @@
-//! What is done with pairs of one size: all that can be refused was, before any is decoded.
+//! What is done with pairs of one kind: all that can be refused was, before any is decoded.
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use image::ImageFormat;
 use vgstereo_core::geometry::{Depth, LaserScan, Rectification, RectifiedCamera, ScanConfig};
 use vgstereo_core::{Config, DisparityRange, Parameters, Reference};
@@ -23,9 +23,32 @@ use crate::rectify::rectified;
 use crate::scan_files::ScanFormat;
 use crate::views::Views;
 
-/// What is done with pairs of a size.
+/// What pairs have in common that are matched by one plan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Kind {
+    /// Width and height of a view as it comes, px.
+    pub(super) size: (u32, u32),
+    /// Whether they are rectified, though there be a calibration.
+    pub(super) is_rectified: bool,
+    /// The camera of the left view once it is rectified, where the options tell none.
+    pub(super) camera: Option<RectifiedCamera>,
+}
+
+impl Kind {
+    /// Images of this size, px.
+    pub(super) fn of_images(size: (u32, u32)) -> Self {
+        Self {
+            size,
+            is_rectified: false,
+            camera: None,
+        }
+    }
+}
+
+/// What is done with pairs of a kind.
 #[derive(Debug)]
 pub(super) struct Plan {
+    kind: Kind,
     cameras: Cameras,
     config: Config,
     height: u32,
@@ -54,20 +77,30 @@ impl Done {
 }
 
 impl Plan {
-    /// The plan for raw images of this size, px. The formats of files are those of these targets.
+    /// The plan for pairs of this kind. The formats of files are those of these targets.
     ///
     /// # Errors
     /// Fails with one line that names the file or option and the reason.
-    pub(super) fn new(options: &Options, targets: &Targets, size: (u32, u32)) -> Result<Self> {
-        let cameras = options.cameras.read(Some(size))?;
+    pub(super) fn new(options: &Options, targets: &Targets, kind: Kind) -> Result<Self> {
+        let cameras = options
+            .cameras
+            .read((!kind.is_rectified).then_some(kind.size))?;
         let rectification = rectification(&cameras)?;
         let (width, height) = match &rectification {
             Some(r) => (u32::from(r.width), u32::from(r.height)),
-            None => size,
+            None => kind.size,
         };
+        ensure!(
+            !kind.is_rectified || (width, height) == kind.size,
+            "--calibration gives views of {width}x{height} px, and these were rectified to {}x{}",
+            kind.size.0,
+            kind.size.1
+        );
         let width = u16::try_from(width)?;
-        let depth = match &targets.depth {
-            Some(path) => {
+        let told = kind.camera.filter(|_| !options.cameras.are_given());
+        let depth = match (&targets.depth, told) {
+            (Some(path), Some(camera)) => Some((DepthFormat::choose(path)?, camera.depth())),
+            (Some(path), None) => {
                 let format = DepthFormat::choose(path)?;
                 let warnings = &cameras.warnings;
                 let depth = options
@@ -75,11 +108,14 @@ impl Plan {
                     .depth("--depth", rectification.as_ref(), warnings)?;
                 Some((format, depth))
             }
-            None => None,
+            (None, _) => None,
         };
         let camera = |option| {
             let size = [width.into(), height];
             let (reference, warnings) = (options.reference.into(), &cameras.warnings);
+            if let Some(left) = told {
+                return seen_from(reference, left).context(option);
+            }
             options
                 .cameras
                 .camera(option, rectification.as_ref(), warnings, size, reference)
@@ -107,6 +143,7 @@ impl Plan {
         };
         config.validate()?;
         Ok(Self {
+            kind,
             cameras,
             config,
             height,
@@ -129,7 +166,8 @@ impl Plan {
         threads: usize,
     ) -> Result<Done> {
         let mut views = Views::new(images.left, images.right, options.grey)?;
-        if let Some(rectification) = rectification(&self.cameras)? {
+        let rectification = rectification(&self.cameras)?;
+        if let Some(rectification) = rectification.filter(|_| !self.kind.is_rectified) {
             views = rectified(&views, &rectification)?;
         }
         let config = Config {
@@ -239,6 +277,16 @@ impl Plan {
 fn rectification(cameras: &Cameras) -> Result<Option<Rectification<'_>>> {
     let bytes = cameras.rectification.as_deref();
     Ok(bytes.map(Rectification::from_bytes).transpose()?)
+}
+
+/// The camera of the reference view, by that of the left one.
+fn seen_from(reference: Reference, left: RectifiedCamera) -> Result<RectifiedCamera> {
+    let [mut x_q8, y_q8] = left.principal_q8();
+    if reference == Reference::Right {
+        x_q8 = x_q8.saturating_add(left.depth().offset_q8());
+    }
+    let camera = RectifiedCamera::new(left.depth(), left.focal_q8(), [x_q8, y_q8]);
+    camera.context("the camera that the board has told is out of bounds")
 }
 
 fn scan_memory(config: &ScanConfig) -> Vec<u32> {

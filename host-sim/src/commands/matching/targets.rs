@@ -2,17 +2,18 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 
 use super::options::Options;
 use crate::escapes::shown;
+use crate::files::make_folder;
 
 /// The options that name them.
 pub(super) const OPTIONS: &str =
     "--out, --colour, --depth, --points, --confidence, --scan, --rectified";
 
 /// What stands for the name of a pair.
-pub(super) const PLACE: &str = "{}";
+const PLACE: &str = "{}";
 
 /// The files that are written of a pair.
 #[derive(Debug, Clone)]
@@ -78,6 +79,36 @@ impl Targets {
             .into_iter()
             .filter_map(|(option, path)| Some((option, path.as_deref()?)));
         std::iter::once(("--out", self.out.as_path())).chain(others)
+    }
+
+    /// Checks that each path has a place for the names of pairs.
+    ///
+    /// # Errors
+    /// Fails with one line that names the option.
+    pub(super) fn ensure_named(&self) -> Result<()> {
+        for (option, path) in self.given() {
+            ensure!(
+                path.to_string_lossy().contains(PLACE),
+                "{option} {}: of many pairs, {PLACE} in it stands for the name of each",
+                shown(path)
+            );
+        }
+        Ok(())
+    }
+
+    /// Makes the folders that all pairs have in common.
+    ///
+    /// # Errors
+    /// Fails with one line that names the folder and the reason.
+    pub(super) fn make_folders(&self) -> Result<()> {
+        for (_, path) in self.given() {
+            let folder = path.parent().filter(|folder| *folder != Path::new(""));
+            if let Some(folder) = folder.filter(|folder| !folder.to_string_lossy().contains(PLACE))
+            {
+                make_folder(folder)?;
+            }
+        }
+        Ok(())
     }
 
     /// The pictures of the rectified views.

@@ -1,5 +1,7 @@
 //! `vgstereo wall`: the figures of depth cameras, measured on a flat wall.
 
+mod recorded;
+
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
@@ -15,8 +17,6 @@ use crate::escapes::shown;
 use crate::files::{encode, ensure_distinct_outputs, ensure_ending, write_files};
 use crate::frame::match_frame;
 use crate::images::{ImageFile, ViewImages};
-use crate::link::client::Memory;
-use crate::link::recorded::{Frames, Seen};
 use crate::rectify::rectified;
 use crate::tables::table;
 use crate::terminal::progress_bar;
@@ -186,128 +186,7 @@ impl Wall {
         config.validate()?;
         Ok(config)
     }
-
-    /// Takes the disparities of a recording, or matches its pairs.
-    fn recorded(&self, path: &Path) -> Result<Judged> {
-        let name = shown(path);
-        ensure!(
-            path.is_file(),
-            "{name}: there is no such file: give pairs of images, or one recording"
-        );
-        let mut memory = Memory::default();
-        let mut recorded = Frames::open(path, &mut memory)?;
-        let cameras = self.cameras.read(None)?;
-        let rectification = cameras.rectification.as_deref();
-        let rectification = rectification.map(Rectification::from_bytes).transpose()?;
-        let parameters = self.overrides.apply(self.preset)?;
-        let bar = progress_bar(self.frames.into(), "frames of the wall");
-        let (mut frames, mut size, mut kind) = (Vec::new(), None, "");
-        let mut notes = String::new();
-        while frames.len() < self.frames.into() {
-            let Some((number, seen)) = recorded.next_seen()? else {
-                break;
-            };
-            let matched = |views, rectification| {
-                let matched = self.match_views(views, rectification, parameters, path);
-                matched.with_context(|| format!("{name}: frame {number}"))
-            };
-            let ((disparities_q4, of), of_kind) = match seen {
-                Seen::Disparities {
-                    disparities_q4,
-                    width,
-                    is_sparse,
-                } => {
-                    if !is_sparse && frames.is_empty() {
-                        notes += "disparities that the board has filled in count as found: it sent no confidences\n";
-                    }
-                    let of = [width, disparities_q4.len() / width.max(1)];
-                    ((disparities_q4, of), FOUND_BY_BOARD)
-                }
-                Seen::Rectified(views) => (matched(views, None)?, "rectified pairs"),
-                Seen::Raw(views) => {
-                    ensure!(
-                        rectification.is_some() || !recorded.is_rectified_by_board(),
-                        "{name}: the pairs are raw: --calibration rectifies them"
-                    );
-                    (matched(views, rectification.as_ref())?, "raw pairs")
-                }
-            };
-            ensure!(
-                size.is_none_or(|size| size == of) && (kind.is_empty() || kind == of_kind),
-                "{name}: frame {number} is not of the size or the kind of those before"
-            );
-            (size, kind) = (Some(of), of_kind);
-            frames.push(disparities_q4);
-            bar.inc(1);
-        }
-        bar.finish_and_clear();
-        if let Some(damage) = recorded.damage() {
-            notes += &format!("{name} is damaged: {damage}\n");
-        }
-        if recorded.left_out() > 0 {
-            notes += &format!(
-                "{} frames are left out: lines are missing, or they have neither views nor disparities\n",
-                recorded.left_out()
-            );
-        }
-        let size = size.with_context(|| {
-            let notes = notes.lines().map(|note| format!("; {note}"));
-            let notes: String = notes.collect();
-            format!(
-                "{name}: one image is no pair, and as a recording it has no whole frame with disparities or a \
-                 pair of views{notes}"
-            )
-        })?;
-        let told = recorded.camera().filter(|_| !self.cameras.are_given());
-        let camera = match told {
-            Some(camera) => camera,
-            None => self.cameras.camera(
-                "wall",
-                rectification.as_ref(),
-                &cameras.warnings,
-                [u32::try_from(size[0])?, u32::try_from(size[1])?],
-                Reference::Left,
-            )?,
-        };
-        let count = match frames.len() {
-            1 => "1 frame".to_owned(),
-            count => format!("{count} frames"),
-        };
-        let what = match kind {
-            FOUND_BY_BOARD => format!("{kind}, {count}"),
-            _ => format!("{}, {kind}, {count}", name_of(&parameters, self.preset)),
-        };
-        Ok(Judged {
-            what,
-            frames,
-            size,
-            camera,
-            notes,
-        })
-    }
-
-    /// Matches a pair of views, and returns its disparities and the size of their view.
-    fn match_views(
-        &self,
-        mut views: Views,
-        rectification: Option<&Rectification<'_>>,
-        parameters: Parameters,
-        path: &Path,
-    ) -> Result<(Vec<i16>, [usize; 2])> {
-        if let Some(rectification) = rectification {
-            views = rectified(&views, rectification)?;
-        }
-        let config = Config {
-            colour: views.has_colour(),
-            ..self.config(parameters, views.width, path)?
-        };
-        let matched = match_frame(&config, &views, NativeKernels::fastest(), 2)?;
-        Ok((matched.disparities_q4, [views.width.into(), views.height()]))
-    }
 }
-
-/// What is judged of a recording if it has disparities.
-const FOUND_BY_BOARD: &str = "the board's disparities";
 
 /// What is judged.
 struct Judged {
