@@ -44,6 +44,7 @@ fn aggregation() -> impl Strategy<Value = SgmParameters> {
         0_u8..=30,
         prop_oneof![Just(0_u8), Just(16), 1_u8..=16],
         prop_oneof![Just(0_u8), 1_u8..=255],
+        prop_oneof![Just(255_u8), 0_u8..=20],
     );
     let penalties = (0_u8..=30, 0_u8..=60, 0_u8..=40, 0_u8..=32);
     let texture_min = prop_oneof![2 => Just(0_u16), 1 => 0_u16..=1500];
@@ -107,6 +108,7 @@ fn aggregation() -> impl Strategy<Value = SgmParameters> {
                 difference_truncation: costs.3,
                 line_offset_max_q4: costs.4,
                 line_gain_max_q8: costs.5,
+                usual_difference_max: costs.6,
                 p1: penalties.0,
                 p2,
                 p2_floor: penalties.2.min(p2),

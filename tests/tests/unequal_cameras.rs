@@ -120,3 +120,25 @@ fn bands_of_light_and_noise_of_rows_cost_little() {
         }
     }
 }
+
+/// Under strong noise of both sensors, what noise makes of single pixels counts less.
+#[test]
+fn strong_noise_costs_less_where_it_is_reckoned_with() {
+    let mut scene = exposed(Exposure::EQUAL);
+    let noise = Stress {
+        kind: Kind::Noise,
+        amount: 25.0,
+    };
+    noise.apply(&mut scene, 1).unwrap();
+    for preset in [Preset::Lite, Preset::Micro, Preset::Balanced] {
+        let adapting = preset.parameters();
+        let mut stubborn = adapting;
+        if let Method::Sgm(sgm) = &mut stubborn.method {
+            sgm.usual_difference_max = u8::MAX;
+        }
+        let (bad, bad_stubborn) = (bad_percent(adapting, &scene), bad_percent(stubborn, &scene));
+        let what = format!("{preset}: {bad:.2} of {bad_stubborn:.2} %");
+        println!("{what}");
+        assert!(bad < 0.8 * bad_stubborn, "{what}");
+    }
+}

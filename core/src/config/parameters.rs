@@ -110,6 +110,10 @@ pub struct SgmParameters {
     /// Largest gain of single lines of the other view that is mended, 1/256 above 1: dark and bright bands
     /// of mains light, and noise of rows. 0 leaves the brightness of lines as it came.
     pub line_gain_max_q8: u8,
+    /// Difference of matched levels up to which their noise is reckoned with by the other parameters alone,
+    /// levels. Where they usually differ by more, larger steps are smoothed, differences of levels cost
+    /// less, and steps of the image lower P2 less. At 255, noise changes nothing.
+    pub usual_difference_max: u8,
     /// P1, the penalty of a step of one disparity along a path.
     pub p1: u8,
     /// P2, the penalty of a larger step, where the image is flat.

@@ -144,6 +144,7 @@ const SGM: SgmParameters = SgmParameters {
     difference_truncation: 30,
     line_offset_max_q4: 16,
     line_gain_max_q8: 192,
+    usual_difference_max: 4,
     p1: 20,
     p2: 85,
     p2_floor: 15,

@@ -169,6 +169,11 @@ impl<'m> View<'m> {
         }
     }
 
+    /// Sets the largest step between neighbours that is smoothed from the next line on, levels.
+    fn set_smoothing_step(&mut self, step: u8) {
+        self.step_max = step;
+    }
+
     /// Smooths the line above the newest, which has now come. A line that was moved when the newest
     /// came is smoothed as moved.
     fn smooth(&mut self, kernels: &impl Kernels) {
@@ -354,6 +359,13 @@ impl<'m> ViewPair<'m> {
                 other.push_mended(left, offset_q4, conversion, kernels);
             }
         }
+    }
+
+    /// Sets the largest step between neighbours that is smoothed in either view from the next pair of
+    /// lines on, levels.
+    pub(crate) fn set_smoothing_step(&mut self, step: u8) {
+        self.reference.set_smoothing_step(step);
+        self.other.set_smoothing_step(step);
     }
 
     /// Forgets the frame: the next lines are line 0.

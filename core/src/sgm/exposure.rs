@@ -88,6 +88,17 @@ impl Exposure {
         known.copied().unwrap_or(LevelConversion::UNKNOWN)
     }
 
+    /// By how many levels the difference that matched levels usually have exceeds `usual_max`; 0 while the
+    /// exposure is not known. At most 254.
+    pub(super) fn noise(&self, usual_max: u8) -> u8 {
+        let conversion = self.conversion(0);
+        if conversion.is_known() {
+            conversion.dead_zone.saturating_sub(usual_max)
+        } else {
+            0
+        }
+    }
+
     /// Learns from the matches of a line, each a position in the reference view's row and one in
     /// the other view's, in the stored order of each. `levels` and `others` are these rows, of
     /// `CHANNELS` channels. Matches with a level at either end of the range are not used.

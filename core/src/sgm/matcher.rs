@@ -22,6 +22,9 @@ use crate::rows::{Arena, Line, NewestRows, Strip, ViewPair, extend_run};
 /// Largest number of pixels of a run of costs without masks.
 const RUN_LANES: usize = 128;
 
+/// Noise at which differences of levels count half, levels.
+const NOISE_HALVING: u16 = 8;
+
 /// Takes pairs of lines and returns one row of checked disparities for each, `support.y_px` lines
 /// later, in the order in which the reference view is stored.
 #[derive(Debug)]
@@ -199,6 +202,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         right: &(impl Line + ?Sized),
     ) -> Option<u32> {
         let offset_q4 = self.alignment.offset_q4();
+        self.views.set_smoothing_step(self.smoothing_step());
         // That of green, which is the largest part of grey; without colour, that of grey.
         let exposure = self.exposure.conversion(self.plan.reference.channels() / 2);
         let line_gain = &mut self.line_gain;
@@ -206,6 +210,29 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         self.views
             .push_mended(left, right, offset_q4, conversion, &self.kernels);
         self.match_next(false)
+    }
+
+    /// By how much matched levels differ more than where there is hardly any noise, levels.
+    fn noise(&self) -> u8 {
+        self.exposure.noise(self.parameters.usual_difference_max)
+    }
+
+    /// The largest step that is smoothed: the more noise, the larger.
+    fn smoothing_step(&self) -> u8 {
+        let step = self.parameters.smoothing_step;
+        step.saturating_add(self.noise().saturating_mul(4))
+    }
+
+    /// What a difference of one level costs, 1/16: the more noise, the less.
+    fn difference_weight_q4(&self) -> u8 {
+        let weight_q4 = u16::from(self.parameters.difference_weight_q4);
+        // At most the weight.
+        (weight_q4 * NOISE_HALVING / (NOISE_HALVING + u16::from(self.noise()))) as u8
+    }
+
+    /// The largest step of the image that noise alone may make, levels.
+    fn noise_step(&self) -> u8 {
+        (u16::from(self.noise()) * 3 / 2).min(255) as u8
     }
 
     /// Completes the next row inside the region after the last pair and returns its line, or `None`
@@ -318,6 +345,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
 
     /// Computes the matching costs run by run: first the masks, if there are any, then the costs.
     fn compute_costs(&mut self, line: u32, inputs: CostInputs<'_>) {
+        let difference_weight_q4 = self.difference_weight_q4();
         let (parameters, plan) = (&self.parameters, &self.plan);
         let synapses = self.config.parameters.synapses;
         let channels = self.views.reference.channels();
@@ -362,7 +390,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
                 other_high: planes_of(inputs.high, plan.positions),
                 channels: plan.reference.channels(),
                 difference_truncation: parameters.difference_truncation,
-                difference_weight_q4: parameters.difference_weight_q4,
+                difference_weight_q4,
             };
             if let Some(costs) = self
                 .costs
@@ -376,13 +404,15 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
     /// Aggregates the costs of a row and selects the best disparities of both views.
     fn aggregate(&mut self, line: u32, is_first: bool) {
         let (parameters, plan) = (&self.parameters, &self.plan);
+        let step_min = self.noise_step();
         let grey = self.views.reference.grey().row(line);
         let above = self.views.reference.grey().row(line.saturating_sub(1));
         if let Some((first, after)) = self.p2_along.split_first_mut() {
             *first = parameters.p2;
-            write_penalties(parameters, grey.get(1..).unwrap_or_default(), grey, after);
+            let others = grey.get(1..).unwrap_or_default();
+            write_penalties(parameters, step_min, others, grey, after);
         }
-        write_penalties(parameters, grey, above, self.p2_down);
+        write_penalties(parameters, step_min, grey, above, self.p2_down);
         self.kernels.aggregate_row(&mut AggregateRow {
             costs: self.costs,
             from_right: self

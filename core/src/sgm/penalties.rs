@@ -3,9 +3,11 @@
 use crate::config::SgmParameters;
 
 /// Writes P2 between each level of `own` and that of `neighbours` at the same index: the largest
-/// P2, reduced in proportion to the difference of the two levels, but at least the floor.
+/// P2, reduced in proportion to the difference of the two levels beyond `step_min`, but at least the
+/// floor.
 pub(super) fn write_penalties(
     parameters: &SgmParameters,
+    step_min: u8,
     own: &[u8],
     neighbours: &[u8],
     p2: &mut [u8],
@@ -14,7 +16,8 @@ pub(super) fn write_penalties(
     let adaptation_q4 = u16::from(parameters.p2_adaptation_q4);
     for ((p2, &own), &neighbour) in p2.iter_mut().zip(own).zip(neighbours) {
         // At most 255 * 255 / 16.
-        let fall = (adaptation_q4 * u16::from(own.abs_diff(neighbour))) >> 4;
+        let step = own.abs_diff(neighbour).saturating_sub(step_min);
+        let fall = (adaptation_q4 * u16::from(step)) >> 4;
         *p2 = (most - fall as i16).max(floor) as u8;
     }
 }
@@ -36,7 +39,10 @@ mod tests {
             ..sgm
         };
         let mut p2 = [0; 4];
-        write_penalties(&parameters, &[50, 50, 50, 50], &[50, 40, 57, 255], &mut p2);
+        let rows = [&[50, 50, 50, 50], &[50, 40, 57, 255]];
+        write_penalties(&parameters, 0, rows[0], rows[1], &mut p2);
         assert_eq!(p2, [100, 85, 90, 15]);
+        write_penalties(&parameters, 8, rows[0], rows[1], &mut p2);
+        assert_eq!(p2, [100, 97, 100, 15]);
     }
 }

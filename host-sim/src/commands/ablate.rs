@@ -38,7 +38,7 @@ pub struct Ablate {
 type Removal = (&'static str, fn(&mut SgmParameters) -> bool);
 
 /// The stages in the order in which data pass them.
-const REMOVALS: [Removal; 13] = [
+const REMOVALS: [Removal; 14] = [
     ("colour", |a| std::mem::replace(&mut a.colour, false)),
     ("smoothing", |a| std::mem::take(&mut a.smoothing_step) > 0),
     ("masks", |a| {
@@ -52,6 +52,9 @@ const REMOVALS: [Removal; 13] = [
     }),
     ("brightness of lines", |a| {
         std::mem::take(&mut a.line_gain_max_q8) > 0
+    }),
+    ("adaptation to noise", |a| {
+        std::mem::replace(&mut a.usual_difference_max, u8::MAX) < u8::MAX
     }),
     ("P2 adapted to edges", |a| {
         std::mem::take(&mut a.p2_adaptation_q4) > 0

@@ -138,6 +138,7 @@ fn sgm_parameters(u: &mut Unstructured<'_>) -> Result<SgmParameters> {
         difference_truncation,
         line_offset_max_q4: u.int_in_range(0..=16)?,
         line_gain_max_q8: u.arbitrary()?,
+        usual_difference_max: u.arbitrary()?,
         p1: u.int_in_range(0..=p2)?,
         p2,
         p2_floor: u.int_in_range(0..=p2)?,

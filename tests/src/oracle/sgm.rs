@@ -579,7 +579,12 @@ fn find(
         matches: [0; 2],
         sums: [[0; 7]; 3],
     };
-    let weight = i32::from(a.difference_weight_q4);
+    let full_weight = i32::from(a.difference_weight_q4);
+    // By how much more than usual matched levels differ, as far as that is known.
+    let noise = |exposure: &Exposure| match exposure.dead_zone {
+        255 => 0,
+        zone => (zone - i32::from(a.usual_difference_max)).max(0),
+    };
     let support_y = config.parameters.support.y_px;
     let mut alignment = Alignment::default();
     let mut line_gain = LineGain::default();
@@ -606,8 +611,9 @@ fn find(
             );
             alignment.moved(&mended_other, lines_in, &mut other);
             if smooths {
+                let step = (i32::from(a.smoothing_step) + 4 * noise(&exposure)).min(255);
                 for (view, smoothed) in [reference, &other].into_iter().zip(&mut smoothed) {
-                    smooth(view, lines_in, a.smoothing_step.into(), smoothed);
+                    smooth(view, lines_in, step, smoothed);
                 }
             } else {
                 smoothed[1].clone_from(&other.grey);
@@ -616,6 +622,8 @@ fn find(
         }
         let other = &other;
         let dead_zone = exposure.dead_zone;
+        let noise = noise(&exposure);
+        let weight = full_weight * 8 / (8 + noise);
         // The first half of the synapses samples the smoothed view.
         let cells = |view: &View, smoothed: &[i32], x: i32| -> Vec<bool> {
             let n = offsets.len();
@@ -642,7 +650,7 @@ fn find(
                     .count() as i32;
                 let mut cost =
                     ((differing * cell_cost + 128) >> 8).min(a.hamming_truncation.into());
-                if weight > 0 {
+                if full_weight > 0 {
                     let mut difference = 0;
                     for channel in 0..channels {
                         let own = reference.channels[channel][reference.index(x, y)];
@@ -671,6 +679,7 @@ fn find(
         }
         let penalty = |x: i32, from: (i32, i32)| {
             let step = (reference.grey(x, y) - reference.grey(from.0, from.1)).abs();
+            let step = (step - 3 * noise / 2).max(0);
             (i32::from(a.p2) - ((i32::from(a.p2_adaptation_q4) * step) >> 4)).max(a.p2_floor.into())
         };
         let p1 = i32::from(a.p1);
@@ -759,7 +768,7 @@ fn find(
             }
         }
         let is_inside = y > 0 && y + 1 < lines_in;
-        if a.line_offset_max_q4 > 0 && weight > 0 && is_inside && exposure.dead_zone < 255 {
+        if a.line_offset_max_q4 > 0 && full_weight > 0 && is_inside && exposure.dead_zone < 255 {
             let views = [reference, other];
             let limits = (a.line_offset_max_q4, support_y);
             alignment.learn(&matches, y, views, &exposure, limits);
