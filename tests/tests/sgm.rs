@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_core::config::{
-    RegionVoteParameters, SpeckleParameters, Support, WeightedMedianParameters,
+    RegionVoteParameters, SpeckleParameters, Support, Voters, WeightedMedianParameters,
 };
 use vgstereo_core::disparity::px_to_q4;
 use vgstereo_core::kernel::luma_row;
@@ -49,26 +49,28 @@ fn aggregation() -> impl Strategy<Value = SgmParameters> {
     let penalties = (0_u8..=30, 0_u8..=60, 0_u8..=40, 0_u8..=32);
     let texture_min = prop_oneof![2 => Just(0_u16), 1 => 0_u16..=1500];
     let checks = (0_u8..=2, -1_i16..=30, texture_min);
-    let vote = (
-        0_u8..=25,
-        0_u8..=4,
-        0_u8..=40,
-        0_u8..=40,
-        0_u8..=8,
-        0_u8..=60,
-    )
-        .prop_map(
-            |(reach_x_px, reach_y_px, near_step, far_step, support_min, share_min_percent)| {
-                RegionVoteParameters {
-                    reach_x_px,
-                    reach_y_px,
-                    near_step,
-                    far_step,
-                    support_min,
-                    share_min_percent,
-                }
-            },
-        );
+    let voters = prop_oneof![Just(Voters::OtherLines), Just(Voters::EveryLine)];
+    let election = (0_u8..=8, 0_u8..=60);
+    let vote = (0_u8..=25, 0_u8..=4, 0_u8..=40, 0_u8..=40, voters, election).prop_map(
+        |(
+            reach_x_px,
+            reach_y_px,
+            near_step,
+            far_step,
+            voters,
+            (support_min, share_min_percent),
+        )| {
+            RegionVoteParameters {
+                reach_x_px,
+                reach_y_px,
+                near_step,
+                far_step,
+                voters,
+                support_min,
+                share_min_percent,
+            }
+        },
+    );
     let weighted_median =
         (0_u8..=6, 0_u8..=2, 4_u8..=48).prop_map(|(half_x, half_y, colour_reach)| {
             WeightedMedianParameters {
@@ -761,6 +763,7 @@ fn stages_see_all_lines_of_their_windows() {
         reach_y_px: 5,
         near_step: 30,
         far_step: 30,
+        voters: Voters::EveryLine,
         support_min: 0,
         share_min_percent: 0,
     };
@@ -883,5 +886,50 @@ fn channels_exposed_unlike_give_the_bits_of_the_oracle() {
     for kernels in NativeKernels::available() {
         let found = pair.stream_with_confidences(&config, kernels);
         assert!(found == expected, "{}", kernels.name());
+    }
+}
+
+/// Share of the pixels that are further than 1 px from both neighbouring lines, to the same side.
+fn stripes(disparities_q4: &[i16], width: usize) -> f64 {
+    let lines: Vec<&[i16]> = disparities_q4.chunks_exact(width).collect();
+    let is_unlike = |above: i16, own: i16, below: i16| {
+        let (least, most) = (above.min(below), above.max(below));
+        own > most + 16 || own + 16 < least
+    };
+    let inside = lines.windows(3).map(|lines| {
+        let pixels = lines[0].iter().zip(lines[1]).zip(lines[2]);
+        pixels
+            .filter(|&((&above, &own), &below)| is_unlike(above, own, below))
+            .count()
+    });
+    inside.sum::<usize>() as f64 / (width * (lines.len() - 2)) as f64
+}
+
+/// Where the lines that vote alternate from line to line, so do the disparities; where every line
+/// votes, they do not.
+#[test]
+fn a_vote_over_every_line_leaves_no_stripes() {
+    let options = RenderOptions::default();
+    let scene = render(&options);
+    let views = Views::new(scene.left, scene.right, false).unwrap();
+    for preset in [Preset::Micro, Preset::Balanced] {
+        let shares = [Voters::OtherLines, Voters::EveryLine].map(|voters| {
+            let mut parameters = preset.parameters();
+            if let Method::Sgm(sgm) = &mut parameters.method {
+                sgm.vote.as_mut().unwrap().voters = voters;
+            }
+            let range = DisparityRange::up_to(options.d_max);
+            let config = Config {
+                colour: views.has_colour(),
+                ..Config::new(parameters, options.width as u16, range)
+            };
+            let matched = match_frame(&config, &views, NativeKernels::fastest(), 1).unwrap();
+            stripes(&matched.disparities_q4, options.width as usize)
+        });
+        println!("{preset}: {shares:?}");
+        assert!(
+            shares[1] <= 0.0005 && shares[1] < 0.6 * shares[0],
+            "{preset}: {shares:?}"
+        );
     }
 }

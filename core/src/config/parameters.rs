@@ -167,11 +167,26 @@ pub struct RegionVoteParameters {
     pub near_step: u8,
     /// Largest difference from the centre in any channel, levels, in the farther half.
     pub far_step: u8,
-    /// The number of votes must be more than this; every other pixel of every other line has
-    /// one.
+    /// Which pixels of the region have a vote.
+    pub voters: Voters,
+    /// The number of votes must be more than this.
     pub support_min: u8,
     /// The winner's share of the votes must be more than this, percent.
     pub share_min_percent: u8,
+}
+
+/// Pixels of a region that have a vote: about a quarter of them in either case.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum Voters {
+    /// Every other pixel of every other line. The votes for a pixel and for the one below it are
+    /// of different lines, so that the two may take different disparities: stripes.
+    OtherLines,
+    /// Every fourth pixel of every line, from the first of a run on even lines and from the
+    /// third on odd lines; on odd lines from the first if the run has no third.
+    EveryLine,
 }
 
 /// Parameters of the weighted median.

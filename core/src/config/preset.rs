@@ -6,7 +6,7 @@ use core::str::FromStr;
 
 use super::parameters::{
     Method, Parameters, RecallParameters, RegionVoteParameters, SgmParameters, SpeckleParameters,
-    Support, WeightedMedianParameters,
+    Support, Voters, WeightedMedianParameters,
 };
 use crate::kernel::TieBreak;
 
@@ -247,6 +247,7 @@ const fn region_vote(reach_y_px: u8) -> RegionVoteParameters {
         reach_y_px,
         near_step: 30,
         far_step: 6,
+        voters: Voters::OtherLines,
         support_min: 2,
         share_min_percent: 40,
     }

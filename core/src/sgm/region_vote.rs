@@ -2,12 +2,12 @@
 //! disparity of its region.
 //!
 //! The region is the cross of similar colour around the pixel: up and down from it, and left and
-//! right from each pixel of that column (Zhang, Lu and Lafruit 2009; Mei et al. 2011). Every other
-//! pixel of every other line of it has a vote. The vote is one pass in place, from the top left: a
+//! right from each pixel of that column (Zhang, Lu and Lafruit 2009; Mei et al. 2011). A quarter of its
+//! pixels have a vote: see [`Voters`]. The vote is one pass in place, from the top left: a
 //! pixel that has taken a disparity votes for those after it.
 
 use super::surroundings::Surroundings;
-use crate::config::RegionVoteParameters;
+use crate::config::{RegionVoteParameters, Voters};
 use crate::disparity::{DisparityRange, STEPS_PER_PX};
 use crate::kernel::{ArmsRow, Kernels, MAX_CHANNELS, arms_scratch_bytes};
 use crate::rows::{Arena, Found, OutOfMemory, Part, Ring, RowStage, RowWindow, copy_common, words};
@@ -145,14 +145,30 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
             let above = window.reach_up(centre, x);
             let below = window.reach_down(centre, x);
             let region = starts.get(centre - above..=centre + below);
-            // Every other line, including the pixel's own.
-            for start in region.unwrap_or_default().iter().skip(above % 2).step_by(2) {
+            let region = region.unwrap_or_default().iter();
+            // The pixel's own line is among them.
+            let (first_line, step) = match self.parameters.voters {
+                Voters::OtherLines => (above % 2, 2),
+                Voters::EveryLine => (0, 1),
+            };
+            let top = line as usize - above;
+            for (row, start) in (top..).zip(region).skip(first_line).step_by(step) {
                 let at = start + x;
                 let arms = self.arms.values().get(at).copied().unwrap_or(0);
                 // Within the row.
                 let [left, right] = arms.to_le_bytes().map(usize::from);
                 let run = self.window.rows.values().get(at - left..=at + right);
-                total += count_votes(run.unwrap_or_default(), self.votes);
+                let run = run.unwrap_or_default();
+                total += match self.parameters.voters {
+                    Voters::OtherLines => count_votes::<2>(run, self.votes),
+                    // Staggered from line to line.
+                    Voters::EveryLine => {
+                        let later = run
+                            .get(2..)
+                            .filter(|later| row % 2 == 1 && !later.is_empty());
+                        count_votes::<4>(later.unwrap_or(run), self.votes)
+                    }
+                };
             }
             if let Some(elected_q4) = self.elect(total)
                 && let Some(pixel) = self.window.rows.values_mut().get_mut(own_start + x)
@@ -196,20 +212,21 @@ impl<K: Kernels> RowStage<Surroundings<'_, '_, '_>> for RegionVote<'_, K> {
     }
 }
 
-/// Counts the votes of every other pixel of a run, for its disparity rounded to px; pixels whose
+/// Counts the votes of every `STEP`th pixel of a run, for its disparity rounded to px; pixels whose
 /// disparity does not hold are counted in the last place. Returns the number of votes cast.
-fn count_votes(run_q4: &[i16], votes: &mut [i16]) -> usize {
+#[inline(always)]
+fn count_votes<const STEP: usize>(run_q4: &[i16], votes: &mut [i16]) -> usize {
     let Some(last) = votes.len().checked_sub(1) else {
         return 0;
     };
-    for &found_q4 in run_q4.iter().step_by(2) {
+    for &found_q4 in run_q4.iter().step_by(STEP) {
         // Negative where rejected or in doubt, and then beyond every disparity.
         let rounded_px = (usize::from(found_q4.cast_unsigned()) + 8) >> 4;
         if let Some(votes) = votes.get_mut(rounded_px.min(last)) {
             *votes += 1;
         }
     }
-    run_q4.len().div_ceil(2)
+    run_q4.len().div_ceil(STEP)
 }
 
 /// The lines around a row, over which vertical arms are measured.

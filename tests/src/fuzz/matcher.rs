@@ -4,7 +4,7 @@ use std::num::NonZeroU8;
 
 use arbitrary::{Arbitrary, Result, Unstructured};
 use vgstereo_core::config::{
-    RegionVoteParameters, SpeckleParameters, Support, WeightedMedianParameters,
+    RegionVoteParameters, SpeckleParameters, Support, Voters, WeightedMedianParameters,
 };
 use vgstereo_core::kernel::TieBreak;
 use vgstereo_core::{
@@ -161,6 +161,11 @@ fn sgm_parameters(u: &mut Unstructured<'_>) -> Result<SgmParameters> {
                 reach_y_px: u.int_in_range(0..=15)?,
                 near_step: u.arbitrary()?,
                 far_step: u.arbitrary()?,
+                voters: if u.arbitrary()? {
+                    Voters::EveryLine
+                } else {
+                    Voters::OtherLines
+                },
                 support_min: u.arbitrary()?,
                 share_min_percent: u.arbitrary()?,
             })

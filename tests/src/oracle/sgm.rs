@@ -6,7 +6,7 @@
 
 use std::collections::HashSet;
 
-use vgstereo_core::config::SpeckleParameters;
+use vgstereo_core::config::{SpeckleParameters, Voters};
 use vgstereo_core::kernel::{channel_row, luma_row};
 use vgstereo_core::pattern::StoredOffset;
 use vgstereo_core::{Config, INVALID, Method, Output, Reference, SgmParameters};
@@ -912,12 +912,18 @@ fn vote(
         arm(x, y, 0, -1, parameters.reach_y_px),
         arm(x, y, 0, 1, parameters.reach_y_px),
     );
-    for v in (y - up..=y + down).filter(|v| (v - y) % 2 == 0) {
+    let every_line = parameters.voters == Voters::EveryLine;
+    for v in (y - up..=y + down).filter(|v| every_line || (v - y) % 2 == 0) {
         let (left, right) = (
             arm(x, v, -1, 0, parameters.reach_x_px),
             arm(x, v, 1, 0, parameters.reach_x_px),
         );
-        for u in (x - left..=x + right).step_by(2) {
+        let (first, step) = match every_line {
+            true if v % 2 == 1 && left + right >= 2 => (x - left + 2, 4),
+            true => (x - left, 4),
+            false => (x - left, 2),
+        };
+        for u in (first..=x + right).step_by(step) {
             let found = map[view.index(u, v)];
             if found >= 0 {
                 votes[(found as usize + 8) / 16] += 1;
