@@ -247,7 +247,7 @@ const fn region_vote(reach_y_px: u8) -> RegionVoteParameters {
         reach_y_px,
         near_step: 30,
         far_step: 6,
-        voters: Voters::OtherLines,
+        voters: Voters::EveryLine,
         support_min: 2,
         share_min_percent: 40,
     }

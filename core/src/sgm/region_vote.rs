@@ -141,34 +141,37 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
                 continue;
             }
             self.votes.fill(0);
-            let mut total = 0;
             let above = window.reach_up(centre, x);
             let below = window.reach_down(centre, x);
             let region = starts.get(centre - above..=centre + below);
-            let region = region.unwrap_or_default().iter();
-            // The pixel's own line is among them.
-            let (first_line, step) = match self.parameters.voters {
-                Voters::OtherLines => (above % 2, 2),
-                Voters::EveryLine => (0, 1),
-            };
-            let top = line as usize - above;
-            for (row, start) in (top..).zip(region).skip(first_line).step_by(step) {
+            let region = region.unwrap_or_default();
+            let (rows, arms) = (self.window.rows.values(), self.arms.values());
+            // The run of the region along a line, given the line's start in the rings.
+            let run = |start: usize| {
                 let at = start + x;
-                let arms = self.arms.values().get(at).copied().unwrap_or(0);
+                let arms = arms.get(at).copied().unwrap_or(0);
                 // Within the row.
                 let [left, right] = arms.to_le_bytes().map(usize::from);
-                let run = self.window.rows.values().get(at - left..=at + right);
-                let run = run.unwrap_or_default();
-                total += match self.parameters.voters {
-                    Voters::OtherLines => count_votes::<2>(run, self.votes),
-                    // Staggered from line to line.
-                    Voters::EveryLine => {
-                        let later = run
-                            .get(2..)
-                            .filter(|later| row % 2 == 1 && !later.is_empty());
-                        count_votes::<4>(later.unwrap_or(run), self.votes)
+                rows.get(at - left..=at + right).unwrap_or_default()
+            };
+            let mut total = 0;
+            match self.parameters.voters {
+                Voters::OtherLines => {
+                    // The pixel's own line is among them.
+                    for &start in region.iter().skip(above % 2).step_by(2) {
+                        total += count_votes::<2>(run(start), self.votes);
                     }
-                };
+                }
+                Voters::EveryLine => {
+                    // Staggered from line to line.
+                    let mut is_odd = (line as usize - above) % 2 == 1;
+                    for &start in region {
+                        let run = run(start);
+                        let later = run.get(2..).filter(|run| is_odd && !run.is_empty());
+                        total += count_votes::<4>(later.unwrap_or(run), self.votes);
+                        is_odd = !is_odd;
+                    }
+                }
             }
             if let Some(elected_q4) = self.elect(total)
                 && let Some(pixel) = self.window.rows.values_mut().get_mut(own_start + x)

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::Args;
+use vgstereo_core::config::Voters;
 use vgstereo_core::{Method, Output, Parameters, Preset, SgmParameters};
 
 use crate::arguments::{parse_preset, parse_threshold};
@@ -38,7 +39,7 @@ pub struct Ablate {
 type Removal = (&'static str, fn(&mut SgmParameters) -> bool);
 
 /// The stages in the order in which data pass them.
-const REMOVALS: [Removal; 14] = [
+const REMOVALS: [Removal; 15] = [
     ("colour", |a| std::mem::replace(&mut a.colour, false)),
     ("smoothing", |a| std::mem::take(&mut a.smoothing_step) > 0),
     ("masks", |a| {
@@ -71,6 +72,12 @@ const REMOVALS: [Removal; 14] = [
         std::mem::replace(&mut a.margin, i16::MIN) > 0
     }),
     ("speckle removal", |a| a.speckle.take().is_some()),
+    ("votes of every line", |a| {
+        let voters = a.vote.as_mut().map(|vote| &mut vote.voters);
+        voters.is_some_and(|voters| {
+            std::mem::replace(voters, Voters::OtherLines) == Voters::EveryLine
+        })
+    }),
     ("vote", |a| a.vote.take().is_some()),
     ("weighted median", |a| a.weighted_median.take().is_some()),
 ];
