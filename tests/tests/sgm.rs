@@ -45,6 +45,7 @@ fn aggregation() -> impl Strategy<Value = SgmParameters> {
         prop_oneof![Just(0_u8), Just(16), 1_u8..=16],
         prop_oneof![Just(0_u8), 1_u8..=255],
         prop_oneof![Just(255_u8), 0_u8..=20],
+        prop_oneof![1 => Just(0_u8), 2 => 1_u8..=255],
     );
     let penalties = (0_u8..=30, 0_u8..=60, 0_u8..=40, 0_u8..=32);
     let texture_min = prop_oneof![2 => Just(0_u16), 1 => 0_u16..=1500];
@@ -106,6 +107,7 @@ fn aggregation() -> impl Strategy<Value = SgmParameters> {
                 mask_step: masks.2,
                 hamming_scale: costs.0,
                 hamming_truncation: costs.1,
+                evidence_q8: costs.7,
                 difference_weight_q4: costs.2,
                 difference_truncation: costs.3,
                 line_offset_max_q4: costs.4,

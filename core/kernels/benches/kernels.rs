@@ -129,6 +129,7 @@ fn costs(criterion: &mut Criterion) {
         case.masks = Some(OwnPlanes::random(random, MASK_LANES, bytes));
         case.cell_costs_q8.fill((96 * 256 * 2 / cells) as u16);
         case.hamming_truncation = 32;
+        case.truncations.fill(32);
         let positions = case.other_low[0].len();
         case.levels = [(); MAX_CHANNELS]
             .map(|()| levels_below(random, case.start + MASK_LANES, 256))

@@ -535,6 +535,7 @@ pub struct CostCase {
     /// Masks of the run's pixels; `None` if every cell counts.
     pub masks: Option<OwnPlanes>,
     pub cell_costs_q8: Vec<u16>,
+    pub truncations: Vec<u8>,
     pub stored: OwnPlanes,
     pub first_position: usize,
     pub disparities: usize,
@@ -586,6 +587,9 @@ impl CostCase {
             inputs: OwnPlanes::random(random, start + width, bytes),
             masks: (below(random, 3) > 0).then(|| OwnPlanes::random(random, width, bytes)),
             cell_costs_q8,
+            truncations: (0..width)
+                .map(|_| below(random, usize::from(hamming_truncation) + 1) as u8)
+                .collect(),
             stored: OwnPlanes::random(random, positions, bytes),
             first_position,
             disparities,
@@ -609,6 +613,7 @@ impl Case for CostCase {
             inputs: self.inputs.planes(),
             masks: self.masks.as_ref().map_or(Planes::NONE, OwnPlanes::planes),
             cell_costs_q8: &self.cell_costs_q8,
+            truncations: &self.truncations,
             stored: self.stored.planes(),
             first_position: self.first_position,
             disparities: self.disparities,

@@ -99,6 +99,11 @@ pub struct SgmParameters {
     pub hamming_scale: u8,
     /// Largest cost of a pattern.
     pub hamming_truncation: u8,
+    /// Share of a pixel's unmasked cells that must be 1 for its pattern to cost up to
+    /// `hamming_truncation`, 1/256; about half are where there is texture. With fewer, its pattern
+    /// costs proportionally less at most, as it tells less: on what is clipped or plain, levels, P1
+    /// and P2 decide. 0 gives every pattern the same truncation.
+    pub evidence_q8: u8,
     /// Cost of a difference of one level between the views, 1/16 of a cost; 0 leaves levels out.
     pub difference_weight_q4: u8,
     /// Largest difference of levels that counts, levels.

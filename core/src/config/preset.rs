@@ -140,6 +140,7 @@ const SGM: SgmParameters = SgmParameters {
     mask_step: NonZeroU8::new(24).unwrap(),
     hamming_scale: 96,
     hamming_truncation: 32,
+    evidence_q8: 83,
     difference_weight_q4: 24,
     difference_truncation: 30,
     line_offset_max_q4: 16,

@@ -31,7 +31,9 @@ pub struct CostRun<'a> {
     pub first_position: usize,
     /// Number of disparities.
     pub disparities: usize,
-    /// Largest cost of the patterns.
+    /// Largest cost of the patterns of each pixel of the run, at most `hamming_truncation`.
+    pub truncations: &'a [u8],
+    /// Largest cost of any pixel's patterns.
     pub hamming_truncation: u8,
     /// Channels of the reference view, one level per pixel of the row each.
     pub levels: [&'a [u8]; MAX_CHANNELS],
@@ -61,25 +63,27 @@ pub const fn cost_stride(disparities: usize) -> usize {
 #[inline(always)]
 pub fn cost_run(row: &CostRun<'_>, costs: &mut [u8]) {
     let stride = cost_stride(row.disparities);
-    for (x, (costs, &cell_cost)) in costs
+    let pixels = row.cell_costs_q8.iter().zip(row.truncations);
+    for (x, (costs, (&cell_cost_q8, &truncation))) in costs
         .chunks_exact_mut(stride.max(1))
-        .zip(row.cell_costs_q8)
+        .zip(pixels)
         .enumerate()
     {
+        let cell = (cell_cost_q8, truncation);
         let first = row.first_position.saturating_sub(x);
         let mut at = first;
         let (blocks, rest) = costs.as_chunks_mut::<{ 4 * LANES }>();
         for block in blocks {
-            *block = cost_block(row, x, at, cell_cost);
+            *block = cost_block(row, x, at, cell);
             at += block.len();
         }
         let (blocks, rest) = rest.as_chunks_mut::<{ 2 * LANES }>();
         for block in blocks {
-            *block = cost_block(row, x, at, cell_cost);
+            *block = cost_block(row, x, at, cell);
             at += block.len();
         }
         for block in rest.as_chunks_mut::<LANES>().0 {
-            *block = cost_block(row, x, at, cell_cost);
+            *block = cost_block(row, x, at, cell);
             at += block.len();
         }
         if let Some(beyond) = costs.get_mut(row.disparities..) {
@@ -93,12 +97,12 @@ fn cost_block<'a, const N: usize>(
     row: &CostRun<'a>,
     x: usize,
     first: usize,
-    cell_cost_q8: u16,
+    (cell_cost_q8, truncation): (u16, u8),
 ) -> [u8; N] {
     let input = row.start + x;
     let differing: [u16; N] = differing_cells(row.inputs, input, row.masks, x, row.stored, first);
     let mut costs = [0_u8; N];
-    let truncation = u16::from(row.hamming_truncation);
+    let truncation = u16::from(truncation);
     for (cost, &cells) in costs.iter_mut().zip(&differing) {
         // With the rounding less than 2^16.
         *cost = (((cells * cell_cost_q8 + 128) >> 8).min(truncation)) as u8;

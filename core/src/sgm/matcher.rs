@@ -5,6 +5,7 @@ use core::ops::Range;
 
 use super::alignment::{Alignment, GreyRows, Match};
 use super::check::RowCheck;
+use super::evidence::{self, Evidence};
 use super::exposure::Exposure;
 use super::line_gain::LineGain;
 use super::masks::{RowMasks, SgmMasks, block_first};
@@ -20,7 +21,7 @@ use crate::pattern::{PatternRow, Sampler, Synapses};
 use crate::rows::{Arena, Line, NewestRows, Strip, ViewPair, extend_run};
 
 /// Largest number of pixels of a run of costs without masks.
-const RUN_LANES: usize = 128;
+const RUN_LANES: usize = evidence::MAX_LANES;
 
 /// Noise at which differences of levels count half, levels.
 const NOISE_HALVING: u16 = 8;
@@ -355,6 +356,8 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         }
         let cost_of = |count: u16| self.cell_costs_q8.get(usize::from(count)).copied();
         let mut cell_costs_q8 = [cost_of(synapses).unwrap_or(0); RUN_LANES];
+        let evidence = Evidence::new(parameters);
+        let mut truncations = [parameters.hamming_truncation; RUN_LANES];
         let longest = match self.masks {
             Some(_) => MASK_LANES,
             None => RUN_LANES,
@@ -376,14 +379,20 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
                     count: usize::from(synapses) / CELLS_PER_BYTE,
                 };
             }
+            let cell_costs_q8 = cell_costs_q8.get(..lanes).unwrap_or_default();
+            if let Some(evidence) = &evidence {
+                let inputs = (inputs.own.planes(), start);
+                evidence.truncate(inputs, masks, cell_costs_q8, &mut truncations);
+            }
             let run = CostRun {
                 start,
                 inputs: inputs.own.planes(),
                 masks,
-                cell_costs_q8: cell_costs_q8.get(..lanes).unwrap_or_default(),
+                cell_costs_q8,
                 stored: inputs.stored.planes(),
                 first_position: plan.last_position + plan.width - 1 - start,
                 disparities: self.config.disparities.count.into(),
+                truncations: truncations.get(..lanes).unwrap_or_default(),
                 hamming_truncation: parameters.hamming_truncation,
                 levels,
                 other_low: planes_of(inputs.low, plan.positions),

@@ -19,6 +19,7 @@
 mod alignment;
 mod border;
 mod check;
+mod evidence;
 mod exposure;
 mod fill;
 mod line_gain;

@@ -39,11 +39,14 @@ pub struct Ablate {
 type Removal = (&'static str, fn(&mut SgmParameters) -> bool);
 
 /// The stages in the order in which data pass them.
-const REMOVALS: [Removal; 15] = [
+const REMOVALS: [Removal; 16] = [
     ("colour", |a| std::mem::replace(&mut a.colour, false)),
     ("smoothing", |a| std::mem::take(&mut a.smoothing_step) > 0),
     ("masks", |a| {
         std::mem::replace(&mut a.kept_cells_q8, 256) < 256
+    }),
+    ("truncation by evidence", |a| {
+        std::mem::take(&mut a.evidence_q8) > 0
     }),
     ("difference of levels", |a| {
         std::mem::take(&mut a.difference_weight_q4) > 0

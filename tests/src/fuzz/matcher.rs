@@ -134,6 +134,7 @@ fn sgm_parameters(u: &mut Unstructured<'_>) -> Result<SgmParameters> {
         mask_step: u.arbitrary::<NonZeroU8>()?,
         hamming_scale: u.int_in_range(0..=250)?,
         hamming_truncation,
+        evidence_q8: u.arbitrary()?,
         difference_weight_q4: u.int_in_range(0..=weight_max.min(255) as u8)?,
         difference_truncation,
         line_offset_max_q4: u.int_in_range(0..=16)?,

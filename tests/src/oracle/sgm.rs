@@ -641,6 +641,8 @@ fn find(
             let mask = mask(reference, offsets, x, y, a);
             let kept = mask.iter().filter(|&&kept| kept).count() as i32;
             let cell_cost = (i32::from(a.hamming_scale) * 256 + kept / 2) / kept;
+            let ones = (0..input.len()).filter(|&r| mask[r] && input[r]).count() as i32;
+            let truncation = truncation(ones * cell_cost, a);
             let mut line = Vec::new();
             for j in 0..count as i32 {
                 let match_x = (x - minimum - j).clamp(0, width - 1);
@@ -648,8 +650,7 @@ fn find(
                 let differing = (0..input.len())
                     .filter(|&r| mask[r] && input[r] != pattern[r])
                     .count() as i32;
-                let mut cost =
-                    ((differing * cell_cost + 128) >> 8).min(a.hamming_truncation.into());
+                let mut cost = ((differing * cell_cost + 128) >> 8).min(truncation);
                 if full_weight > 0 {
                     let mut difference = 0;
                     for channel in 0..channels {
@@ -782,6 +783,18 @@ fn find(
         }
     }
     (found, confidences)
+}
+
+/// The largest cost of a pattern whose cells that are 1 cost this much together, 1/256.
+fn truncation(cost_q8: i32, a: &SgmParameters) -> i32 {
+    let truncation = i64::from(a.hamming_truncation);
+    let enough = i64::from(a.hamming_scale) * i64::from(a.evidence_q8);
+    if enough == 0 {
+        return truncation as i32;
+    }
+    // The slope is rounded up to 1/256, and less than 256.
+    let slope_q8 = ((truncation * 65536 + enough - 1) / enough).min(65535);
+    truncation.min((i64::from(cost_q8) * slope_q8) >> 16) as i32
 }
 
 /// One step of the recursion of path costs (Hirschmueller 2008, equation 13).

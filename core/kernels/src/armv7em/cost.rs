@@ -57,20 +57,19 @@ fn cost_registers(run: &CostRun<'_>, costs: &mut [u8]) -> Option<()> {
         (4, 0, true) if are_whole() => {
             cost_pixels::<4, 6, { tile(6) }, 1>(run, 0, costs, |counts, pixel, levels, _| {
                 let cells = counts * pixel.cell_cost;
-                let missing = sub_saturating_u8x4(weighing.hamming_truncation, cells);
-                weighing.cost(missing, pixel.level, levels)
+                weighing.cost(pixel, sub_saturating_u8x4(pixel.truncation, cells), levels)
             });
         }
         (8, 0, false) if are_whole() => {
             cost_pixels::<8, 8, { tile(8) }, 1>(run, 0, costs, |counts, pixel, _, _| {
-                min_u8x4(counts * pixel.cell_cost, weighing.hamming_truncation)
+                min_u8x4(counts * pixel.cell_cost, pixel.truncation)
             });
         }
         (6, 6, true) => {
             cost_pixels::<6, 8, { tile(8) }, 2>(run, 0, costs, |counts, pixel, levels, _| {
                 let counts = [even_bytes(counts), odd_bytes(counts)];
-                let missing = weighing.missing(counts, pixel.cell_cost);
-                weighing.cost(missing, pixel.level, levels)
+                let missing = missing(pixel, counts);
+                weighing.cost(pixel, missing, levels)
             });
         }
         (_, masks, true)
@@ -87,8 +86,8 @@ fn cost_registers(run: &CostRun<'_>, costs: &mut [u8]) -> Option<()> {
             let finish = |counts, pixel: &Pixel<PART, 2>, levels, before| {
                 let even = add_even_bytes(even_bytes(counts), before);
                 let odd = add_odd_bytes(odd_bytes(counts), before);
-                let missing = weighing.missing([even, odd], pixel.cell_cost);
-                weighing.cost(missing, pixel.level, levels)
+                let missing = missing(pixel, [even, odd]);
+                weighing.cost(pixel, missing, levels)
             };
             cost_pixels::<PART, 10, { tile(10) }, 2>(run, last, costs, finish);
         }
@@ -128,7 +127,9 @@ fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const T
     let mut levels = [0; PIXELS];
     let mut rows = [[0; POSITIONS]; ROWS];
     let groups = costs.chunks_mut((stride * PIXELS).max(1));
-    for (group, (costs, cell_costs)) in groups.zip(run.cell_costs_q8.chunks(PIXELS)).enumerate() {
+    let cells = run.cell_costs_q8.chunks(PIXELS);
+    let cells = cells.zip(run.truncations.chunks(PIXELS));
+    for (group, (costs, (cell_costs, truncations))) in groups.zip(cells).enumerate() {
         let first = group * PIXELS;
         let pixels = cell_costs.len();
         // The lowest position is that of the last pixel's lowest disparity.
@@ -151,14 +152,17 @@ fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const T
             copy(run.other_low[0], lowest, positions, low);
             copy(run.other_high[0], lowest, positions, high);
         }
-        let pixels = costs.chunks_exact_mut(stride).zip(cell_costs);
-        for (x, (costs, &cell_cost)) in pixels.enumerate() {
+        let pixels = costs.chunks_exact_mut(stride);
+        let pixels = pixels.zip(cell_costs.iter().zip(truncations));
+        for (x, (costs, (&cell_cost, &truncation))) in pixels.enumerate() {
             let four = |row: &[u8; PIXELS]| splat_u8(row[x % PIXELS]);
             let pixel = Pixel {
                 patterns: patterns.each_ref().map(|terms| terms.each_ref().map(four)),
                 level: four(&levels),
                 // If all cells count, the cost per cell is a whole number.
                 cell_cost: (cell_cost >> if TERMS == 1 { 8 } else { 0 }).into(),
+                truncation: splat_u8(truncation),
+                largest: splat_u8(largest(truncation, run)),
             };
             let at = run.first_position - (first + x) - lowest;
             let blocks = costs.as_chunks_mut::<BLOCK>().0.iter_mut();
@@ -188,6 +192,10 @@ struct Pixel<const BYTES: usize, const TERMS: usize> {
     level: u32,
     /// Cost of a differing cell; 1/256 of a cost if there are masks.
     cell_cost: u32,
+    /// Largest cost of the pattern.
+    truncation: u32,
+    /// Twice the largest cost, which is that of pattern and levels.
+    largest: u32,
 }
 
 impl<const BYTES: usize, const TERMS: usize> Pixel<BYTES, TERMS> {
@@ -265,15 +273,32 @@ fn copy(row: &[u8], first: usize, count: usize, to: &mut [u8]) {
     }
 }
 
-/// Parameters that turn counts of cells and differences of levels into costs. Truncations and the
-/// largest cost are repeated in all four bytes.
+/// Twice the largest cost of a pixel with this largest cost of its pattern. Wraps round where
+/// [`Weighing::new`] refuses the run.
+fn largest(truncation: u8, run: &CostRun<'_>) -> u8 {
+    let levels = (run.difference_weight_q4 / 8).wrapping_mul(run.difference_truncation);
+    truncation.wrapping_mul(2).wrapping_add(levels)
+}
+
+/// Returns by how much the costs of differing cells are below their truncation. `counts` holds the
+/// counts of bytes 0 and 2, and of bytes 1 and 3.
+#[inline(always)]
+fn missing<const BYTES: usize, const TERMS: usize>(
+    pixel: &Pixel<BYTES, TERMS>,
+    counts: [u32; 2],
+) -> u32 {
+    // Each product is less than 2^16, also after rounding.
+    let [even, odd] = counts.map(|counts| counts * pixel.cell_cost + splat_u16(128));
+    let cells = odd_bytes(even) | odd & 0xff00_ff00;
+    sub_saturating_u8x4(pixel.truncation, cells)
+}
+
+/// Parameters that turn differences of levels into costs.
 struct Weighing {
-    hamming_truncation: u32,
+    /// Largest difference that counts, repeated in all four bytes.
     difference_truncation: u32,
     /// Twice the cost of a difference of one level.
     weight: u32,
-    /// Twice the largest cost.
-    largest: u32,
 }
 
 impl Weighing {
@@ -282,37 +307,31 @@ impl Weighing {
     fn new(run: &CostRun<'_>) -> Option<Self> {
         let weight = run.difference_weight_q4 / 8;
         let levels = weight.checked_mul(run.difference_truncation)?;
-        let largest = run.hamming_truncation.checked_mul(2)?.checked_add(levels)?;
+        run.hamming_truncation.checked_mul(2)?.checked_add(levels)?;
         let is_halves = run.difference_weight_q4.is_multiple_of(8);
         let has_one_channel = run.channels == 1 || run.difference_weight_q4 == 0;
         (has_one_channel && is_halves).then(|| Self {
-            hamming_truncation: splat_u8(run.hamming_truncation),
             difference_truncation: splat_u8(run.difference_truncation),
             weight: weight.into(),
-            largest: splat_u8(largest),
         })
     }
 
-    /// Returns by how much the costs of differing cells are below their truncation. `counts` holds
-    /// the counts of bytes 0 and 2, and of bytes 1 and 3.
+    /// Returns the costs, given by how much those of `cells` are below their truncation, and the
+    /// lowest and highest levels that count as equal.
     #[inline(always)]
-    fn missing(&self, counts: [u32; 2], cost_q8: u32) -> u32 {
-        // Each product is less than 2^16, also after rounding.
-        let [even, odd] = counts.map(|counts| counts * cost_q8 + splat_u16(128));
-        let cells = odd_bytes(even) | odd & 0xff00_ff00;
-        sub_saturating_u8x4(self.hamming_truncation, cells)
-    }
-
-    /// Returns the costs, given by how much those of `cells` are below their truncation, the
-    /// pixel's level, and the lowest and highest levels that count as equal.
-    #[inline(always)]
-    fn cost(&self, cells: u32, level: u32, [low, high]: [u32; 2]) -> u32 {
+    fn cost<const BYTES: usize, const TERMS: usize>(
+        &self,
+        pixel: &Pixel<BYTES, TERMS>,
+        cells: u32,
+        [low, high]: [u32; 2],
+    ) -> u32 {
         // Levels are also expressed by how much they are below their truncation, which needs no
         // minimum. One of the two differences is 0.
+        let level = pixel.level;
         let difference = sub_saturating_u8x4(level, high) | sub_saturating_u8x4(low, level);
         let levels = sub_saturating_u8x4(self.difference_truncation, difference) * self.weight;
         // Rounded down, as the reference rounds the cost of levels.
-        halve_difference_u8x4(self.largest, levels).wrapping_sub(cells)
+        halve_difference_u8x4(pixel.largest, levels).wrapping_sub(cells)
     }
 }
 

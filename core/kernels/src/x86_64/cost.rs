@@ -27,6 +27,7 @@ pub(super) fn is_inside(row: &CostRun<'_>, costs: usize) -> bool {
         && row.stored.count == count
         && (row.masks.bytes.is_empty() || row.masks.count == count)
         && Some(costs) == pixels.checked_mul(stride)
+        && row.truncations.len() == pixels
         && row.first_position >= pixels - 1
         && ends_within(count, row.stored.stride, end, row.stored.bytes)
         && ends_within(count, row.inputs.stride, own_end, row.inputs.bytes)
@@ -177,11 +178,13 @@ macro_rules! cost_in_registers {
                 stride.min(LANES)
             };
             let block = REGISTERS * lanes;
-            let hamming_truncation = broadcast_byte(row.hamming_truncation.cast_signed());
             let half = broadcast_word(128);
             let cell_costs_q8 = row.cell_costs_q8[first..].as_chunks::<PIXELS>().0;
-            let groups = costs.chunks_exact_mut(PIXELS * stride).zip(cell_costs_q8);
-            for ((costs, cell_costs_q8), x) in groups.zip((first..).step_by(PIXELS)) {
+            let truncations = row.truncations[first..].as_chunks::<PIXELS>().0;
+            let cells = cell_costs_q8.iter().zip(truncations);
+            let groups = costs.chunks_exact_mut(PIXELS * stride).zip(cells);
+            for ((costs, (cell_costs_q8, truncations)), x) in groups.zip((first..).step_by(PIXELS))
+            {
                 for start in (0..stride).step_by(block) {
                     // The last block overlaps the one before it, so that nothing remains.
                     let start = start.min(stride - block);
@@ -202,7 +205,8 @@ macro_rules! cost_in_registers {
                                 let exact_q8 = multiply(cells, cell_cost_q8);
                                 shift_right::<8>(add_words(exact_q8, half))
                             });
-                            let mut cost = least_bytes(pack(low, high), hamming_truncation);
+                            let truncation = broadcast_byte(truncations[pixel].cast_signed());
+                            let mut cost = least_bytes(pack(low, high), truncation);
                             if CHANNELS > 0 {
                                 let mut sum = zero();
                                 for ([low, high], levels) in others.into_iter().zip(row.levels) {

@@ -260,7 +260,7 @@ fn costs(kernels: impl Kernels) {
         },
         changes!(CostCase: set start, set first_position, set disparities, stride inputs,
             stride stored, count inputs.count, count stored.count, cut inputs.bytes,
-            cut stored.bytes, cut cell_costs_q8, cut levels, cut levels[0], cut other_low,
+            cut stored.bytes, cut cell_costs_q8, cut truncations, cut levels, cut levels[0], cut other_low,
             cut other_low[0], cut other_high, cut other_high[0], cut costs),
     );
 }
