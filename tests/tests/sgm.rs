@@ -9,7 +9,7 @@ use vgstereo_core::config::{
     RegionVoteParameters, SpeckleParameters, Support, Voters, WeightedMedianParameters,
 };
 use vgstereo_core::disparity::px_to_q4;
-use vgstereo_core::kernel::luma_row;
+use vgstereo_core::kernel::{SubpixelStep, luma_row};
 use vgstereo_core::rows::OutOfMemory;
 use vgstereo_core::{
     Config, ConfigError, DisparityRange, INVALID, Matcher, Method, Output, Parameters, Portable,
@@ -96,36 +96,44 @@ fn aggregation() -> impl Strategy<Value = SgmParameters> {
         prop::bool::weighted(0.75),
         prop_oneof![1 => Just(0_u8), 3 => 1_u8..=40],
     );
-    (levels, masks, costs, penalties, checks, refinement).prop_map(
-        |((colour, smoothing_step), masks, costs, penalties, checks, refinement)| {
-            let p2 = penalties.0 + penalties.1;
-            SgmParameters {
-                colour,
-                smoothing_step,
-                kept_cells_q8: masks.0,
-                mask_floor: masks.1,
-                mask_step: masks.2,
-                hamming_scale: costs.0,
-                hamming_truncation: costs.1,
-                evidence_q8: costs.7,
-                difference_weight_q4: costs.2,
-                difference_truncation: costs.3,
-                line_offset_max_q4: costs.4,
-                line_gain_max_q8: costs.5,
-                usual_difference_max: costs.6,
-                p1: penalties.0,
-                p2,
-                p2_floor: penalties.2.min(p2),
-                p2_adaptation_q4: penalties.3,
-                left_right_tolerance_px: checks.0,
-                margin: checks.1,
-                texture_min: checks.2,
-                speckle: refinement.0,
-                vote: refinement.1,
-                weighted_median: refinement.2,
-            }
-        },
+    let subpixel = (prop_oneof![1 => Just(0_u8), 3 => 0_u8..=90], 0_u16..=400);
+    (
+        levels, masks, costs, penalties, subpixel, checks, refinement,
     )
+        .prop_map(
+            |((colour, smoothing_step), masks, costs, penalties, subpixel, checks, refinement)| {
+                let p2 = penalties.0 + penalties.1;
+                SgmParameters {
+                    colour,
+                    smoothing_step,
+                    kept_cells_q8: masks.0,
+                    mask_floor: masks.1,
+                    mask_step: masks.2,
+                    hamming_scale: costs.0,
+                    hamming_truncation: costs.1,
+                    evidence_q8: costs.7,
+                    difference_weight_q4: costs.2,
+                    difference_truncation: costs.3,
+                    line_offset_max_q4: costs.4,
+                    line_gain_max_q8: costs.5,
+                    usual_difference_max: costs.6,
+                    p1: penalties.0,
+                    p2,
+                    p2_floor: penalties.2.min(p2),
+                    p2_adaptation_q4: penalties.3,
+                    subpixel: SubpixelStep {
+                        relief: subpixel.0,
+                        lines_min: subpixel.1,
+                    },
+                    left_right_tolerance_px: checks.0,
+                    margin: checks.1,
+                    texture_min: checks.2,
+                    speckle: refinement.0,
+                    vote: refinement.1,
+                    weighted_median: refinement.2,
+                }
+            },
+        )
 }
 
 fn parameters() -> impl Strategy<Value = Parameters> {

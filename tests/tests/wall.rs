@@ -1,6 +1,7 @@
 //! `vgstereo wall` on rendered walls, against figures that are computed here from what the renderer knows.
 
-use vgstereo_core::{Config, DisparityRange, INVALID, Output, Preset};
+use vgstereo_core::kernel::SubpixelStep;
+use vgstereo_core::{Config, DisparityRange, INVALID, Method, Output, Parameters, Preset};
 use vgstereo_kernels::NativeKernels;
 use vgstereo_sim::frame::match_frame;
 use vgstereo_sim::render::{RenderOptions, RenderedCameras, render_wall};
@@ -24,21 +25,26 @@ fn options() -> RenderOptions {
 /// The disparities of some pairs of a wall, 1/16 px.
 fn frames(distance_mm: f64, turned_degrees: [f64; 2]) -> Vec<Vec<i16>> {
     let frame = |number| {
-        let [left, right] = render_wall(&options(), distance_mm, turned_degrees, number);
-        let views = Views::new(left, right, false).unwrap();
-        let config = Config {
-            colour: views.has_colour(),
-            output: Output::Sparse,
-            ..Config::new(
-                Preset::Micro.parameters(),
-                WIDTH as u16,
-                DisparityRange::up_to(39),
-            )
-        };
-        let matched = match_frame(&config, &views, NativeKernels::fastest(), 1);
-        matched.unwrap().disparities_q4
+        let views = views(distance_mm, turned_degrees, number);
+        matched(&views, Preset::Micro.parameters())
     };
     (0..FRAMES).map(frame).collect()
+}
+
+fn views(distance_mm: f64, turned_degrees: [f64; 2], frame: u32) -> Views {
+    let [left, right] = render_wall(&options(), distance_mm, turned_degrees, frame);
+    Views::new(left, right, false).unwrap()
+}
+
+/// The disparities of a pair, 1/16 px.
+fn matched(views: &Views, parameters: Parameters) -> Vec<i16> {
+    let config = Config {
+        colour: views.has_colour(),
+        output: Output::Sparse,
+        ..Config::new(parameters, WIDTH as u16, DisparityRange::up_to(39))
+    };
+    let matched = match_frame(&config, views, NativeKernels::fastest(), 1);
+    matched.unwrap().disparities_q4
 }
 
 /// What is known of a wall: the unit normal, away from the camera, and the distance, mm.
@@ -162,5 +168,81 @@ fn figures_are_those_that_the_renderer_knows() {
         deviations_mm.sort_by(f64::total_cmp);
         let noise_mm = deviations_mm[deviations_mm.len() / 2];
         assert!(is_close(temporal_noise_mm.unwrap(), noise_mm, 1e-9));
+    }
+}
+
+/// How far disparities are from true: the standard deviation of those that are off by less than a
+/// pixel, px, and how many times more often than the true ones they are whole pixels.
+#[derive(Debug, Default)]
+struct Spread {
+    squares: f64,
+    found: f64,
+    whole: f64,
+    truly_whole: f64,
+}
+
+impl Spread {
+    fn add(&mut self, disparities_q4: &[i16], true_px: impl Fn(usize, usize) -> f64) {
+        for y in 20..HEIGHT - 20 {
+            for x in 50..WIDTH - 20 {
+                let q4 = f64::from(disparities_q4[y * WIDTH + x]);
+                let true_px = true_px(x, y);
+                let error = q4 / 16.0 - true_px;
+                if error.abs() < 1.0 {
+                    self.squares += error * error;
+                    self.found += 1.0;
+                    self.whole += f64::from(u8::from(q4 % 16.0 == 0.0));
+                    self.truly_whole += f64::from(u8::from((true_px * 16.0).round() % 16.0 == 0.0));
+                }
+            }
+        }
+    }
+
+    fn rms_px(&self) -> f64 {
+        (self.squares / self.found).sqrt()
+    }
+
+    fn excess(&self) -> f64 {
+        self.whole / self.truly_whole
+    }
+}
+
+/// On three planes, each at 20 distances, a parabola through the sums is drawn to whole pixels; the
+/// finer step is hardly, and is nearer to the truth.
+#[test]
+fn the_finer_step_is_hardly_drawn_to_whole_pixels() {
+    let cameras = RenderedCameras::of(&options());
+    let numerator = cameras.focal_px * cameras.baseline_mm;
+    let finer = SubpixelStep {
+        relief: 50,
+        lines_min: 110,
+    };
+    for turned in [[0.0, 0.0], [12.0, -7.0], [-20.0, 5.0]] {
+        let mut spreads = [Spread::default(), Spread::default()];
+        for frame in 0..20 {
+            // Along the optical axis, 28 to 10 px.
+            let axis_px = 28.0 - 0.93 * f64::from(frame);
+            let [_, _, axis] = Truth::new(1.0, turned).normal;
+            let truth = Truth::new(numerator / axis_px * axis, turned);
+            let views = views(truth.distance_mm, turned, frame);
+            for (subpixel, spread) in [SubpixelStep::PARABOLA, finer]
+                .into_iter()
+                .zip(&mut spreads)
+            {
+                let mut parameters = Preset::Micro.parameters();
+                if let Method::Sgm(sgm) = &mut parameters.method {
+                    sgm.subpixel = subpixel;
+                }
+                let disparities_q4 = matched(&views, parameters);
+                spread.add(&disparities_q4, |x, y| {
+                    numerator / truth.depth_mm(&cameras, x, y)
+                });
+            }
+        }
+        let [parabola, finer] = spreads;
+        let [p, f] = [&parabola, &finer].map(|spread| (spread.rms_px(), spread.excess()));
+        println!("{turned:?} degrees: parabola {p:?}, finer {f:?}");
+        assert!(f.0 < 0.75 * p.0, "{f:?} for {p:?}");
+        assert!(f.1 < 0.65 * p.1, "{f:?} for {p:?}");
     }
 }

@@ -16,7 +16,8 @@ use vgstereo_core::disparity::INVALID;
 use vgstereo_core::kernel::{
     AggregateRow, ArmsRow, CELLS_PER_BYTE, CostRun, Interpolation, Kernels, LANES, LevelConversion,
     MASK_LANES, MAX_CHANNELS, MAX_TAP_ROWS, MaskBlock, NO_COST, PixelFormat, Planes, ResampleRow,
-    RowRecall, TieBreak, WeightedMedianRow, arms_scratch_bytes, cost_stride, path_scratch_bytes,
+    RowRecall, SubpixelStep, TieBreak, WeightedMedianRow, arms_scratch_bytes, cost_stride,
+    path_scratch_bytes,
 };
 
 /// A task for one kernel.
@@ -643,6 +644,7 @@ pub struct AggregateCase {
     pub disparities: usize,
     pub is_first: bool,
     pub p1: u8,
+    pub subpixel: SubpixelStep,
     pub p2_along: Vec<u8>,
     pub p2_down: Vec<u8>,
     pub paths: Vec<u8>,
@@ -665,6 +667,7 @@ impl AggregateCase {
             disparities,
             is_first: true,
             p1: 0,
+            subpixel: SubpixelStep::PARABOLA,
             p2_along: vec![0; width],
             p2_down: vec![0; width],
             paths: vec![2; path_scratch_bytes(stride)],
@@ -691,6 +694,7 @@ impl AggregateCase {
             *p2 = (p1 + below(random, p2_max - p1 + 1)) as u8;
         }
         self.p1 = p1 as u8;
+        self.subpixel = random_subpixel(random);
         self.is_first = false;
     }
 
@@ -703,6 +707,7 @@ impl AggregateCase {
             disparities: self.disparities,
             is_first: self.is_first,
             p1: self.p1,
+            subpixel: self.subpixel,
             p2_along: &self.p2_along,
             p2_down: &self.p2_down,
             paths: &mut self.paths,
@@ -721,6 +726,14 @@ impl AggregateCase {
             margins: self.margins.clone(),
             other_best: self.other_best.clone(),
         }
+    }
+}
+
+/// Any relief, and any bound between parabola and lines, within the range of rises and beyond.
+fn random_subpixel(random: &mut Pcg32) -> SubpixelStep {
+    SubpixelStep {
+        relief: below(random, 256) as u8,
+        lines_min: below(random, 1000) as u16,
     }
 }
 

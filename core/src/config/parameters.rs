@@ -3,7 +3,7 @@
 use core::fmt;
 use core::num::NonZeroU8;
 
-use crate::kernel::{MAX_TAP_ROWS, TieBreak};
+use crate::kernel::{MAX_TAP_ROWS, SubpixelStep, TieBreak};
 
 /// Largest number of synapses of a neuron.
 pub const MAX_SYNAPSES: usize = 1024;
@@ -127,6 +127,8 @@ pub struct SgmParameters {
     pub p2_floor: u8,
     /// Decrease of P2 per level of a step in the image, 1/16.
     pub p2_adaptation_q4: u8,
+    /// Sub-pixel step from the sums of the path costs.
+    pub subpixel: SubpixelStep,
     /// Left-right check: largest difference between the disparities of the two views, px.
     pub left_right_tolerance_px: u8,
     /// Uniqueness: smallest margin between the sums of the best and the second best disparity.

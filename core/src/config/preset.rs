@@ -8,7 +8,7 @@ use super::parameters::{
     Method, Parameters, RecallParameters, RegionVoteParameters, SgmParameters, SpeckleParameters,
     Support, Voters, WeightedMedianParameters,
 };
-use crate::kernel::TieBreak;
+use crate::kernel::{SubpixelStep, TieBreak};
 
 /// The seed of every preset unless another is asked for.
 pub const DEFAULT_SEED: u64 = 1;
@@ -150,6 +150,7 @@ const SGM: SgmParameters = SgmParameters {
     p2: 85,
     p2_floor: 15,
     p2_adaptation_q4: 16,
+    subpixel: SubpixelStep::PARABOLA,
     left_right_tolerance_px: 1,
     margin: 24,
     texture_min: 0,

@@ -10,6 +10,7 @@
 //! [`SgmParameters::costs_fit_u8`](crate::config::SgmParameters::costs_fit_u8).
 
 use super::hamming::LANES;
+use super::subpixel::SubpixelStep;
 
 /// Bytes before and after the path costs of a pixel, so that every disparity has two neighbours.
 /// Their cost is the highest, so they are never on the cheapest path.
@@ -37,6 +38,8 @@ pub struct AggregateRow<'a> {
     pub is_first: bool,
     /// P1, the penalty of a step of one disparity.
     pub p1: u8,
+    /// How the sub-pixel step follows from the sums.
+    pub subpixel: SubpixelStep,
     /// P2 of each pixel, the penalty of a larger step from the pixel on its left.
     pub p2_along: &'a [u8],
     /// P2 of each pixel, the penalty of a larger step from the pixel above.
@@ -243,6 +246,7 @@ mod tests {
                     disparities,
                     is_first: line == 0,
                     p1: p1 as u8,
+                    subpixel: SubpixelStep::PARABOLA,
                     p2_along: &to_bytes(&p2_along),
                     p2_down: &to_bytes(&p2_down),
                     paths: &mut vec![3; path_scratch_bytes(stride)],

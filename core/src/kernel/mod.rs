@@ -25,6 +25,7 @@ mod recall;
 mod resample;
 mod select;
 mod smooth;
+mod subpixel;
 mod unpack;
 mod weighted_median;
 
@@ -43,8 +44,9 @@ pub use resample::{
     DISPLACEMENT_BITS, Interpolation, ResampleRow, cell_positions, for_each_cell, resample_cell,
     resample_row, sixteenth_shift,
 };
-pub use select::{parabola_q4, parabolas_q4, select_row};
+pub use select::select_row;
 pub use smooth::smooth_row;
+pub use subpixel::{SubpixelStep, subpixel_step_q4, subpixel_steps_q4};
 pub use unpack::{MAX_CHANNELS, PixelFormat, channel_row, luma_row};
 pub use weighted_median::{MAX_TAP_ROWS, WeightedMedianRow, weighted_median_row};
 

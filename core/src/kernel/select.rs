@@ -7,6 +7,7 @@
 use super::aggregate::AggregateRow;
 use super::hamming::{LANES, NO_DISTANCE};
 use super::nearest::nearest;
+use super::subpixel::{SubpixelStep, subpixel_step_q4};
 use crate::disparity::STEPS_PER_PX;
 
 /// Value of [`AggregateRow::other_best`] at positions of the other view that no disparity reaches.
@@ -56,7 +57,7 @@ fn select_blocks<const N: usize>(row: &mut AggregateRow<'_>) {
                 *other = (*other).min((sum as u32) << 16 | index);
             }
         }
-        let selected = select(row.sums);
+        let selected = select(row.sums, &row.subpixel);
         *best = selected.index;
         *refined_index_q4 = selected.refined_index_q4;
         *margin = selected.margin;
@@ -88,16 +89,18 @@ struct Selected {
     margin: i16,
 }
 
-/// Returns the best disparity, refined by a parabola through its neighbours, and its margin over
+/// Returns the best disparity, refined by the sums of its neighbours, and its margin over
 /// the second best. Overwrites the sums around the best.
 #[inline(always)]
-fn select(sums: &mut [i16]) -> Selected {
+fn select(sums: &mut [i16], subpixel: &SubpixelStep) -> Selected {
     let best = nearest(sums);
     let at = |index: Option<usize>| index.and_then(|i| sums.get(i)).copied();
     let before = at(best.first.checked_sub(1));
     let after = at(Some(best.first + 1)).filter(|&sum| sum != NO_DISTANCE);
     let step_q4 = match (before, after) {
-        (Some(before), Some(after)) => parabola_q4(before - best.distance, after - best.distance),
+        (Some(before), Some(after)) => {
+            subpixel_step_q4(subpixel, before - best.distance, after - best.distance)
+        }
         _ => 0,
     };
     let around = best.first.saturating_sub(1)..=(best.first + 1).min(sums.len().saturating_sub(1));
@@ -113,60 +116,9 @@ fn select(sums: &mut [i16]) -> Selected {
     }
 }
 
-/// The minimum of the parabola through (-1, before), (0, 0), (1, after), 1/16 px:
-/// `8 (before - after) / (before + after)`, rounded to nearest, halves outwards.
-#[inline(always)]
-#[must_use]
-pub fn parabola_q4(before: i16, after: i16) -> i16 {
-    let [step_q4] = parabolas_q4(&[before], &[after]);
-    step_q4
-}
-
-/// [`parabola_q4`] of `N` triples side by side, in loops that become vector code.
-#[inline(always)]
-#[must_use]
-pub fn parabolas_q4<const N: usize>(before: &[i16; N], after: &[i16; N]) -> [i16; N] {
-    let mut steps = [0; N];
-    // The quotient is at most 8: counting the half steps below it needs no division.
-    for half in [1, 3, 5, 7, 9, 11, 13, 15] {
-        for lane in 0..N {
-            let (before, after) = (before[lane], after[lane]);
-            let (sum, difference) = (before + after, before.abs_diff(after) as i16);
-            // 8 * 2 * difference / sum >= half; at most 15 times twice 765, three 8-bit paths.
-            steps[lane] += i16::from((difference * 16 >= half * sum) & (sum > 0));
-        }
-    }
-    for lane in 0..N {
-        // All ones if the step is negative; a branch would often be mispredicted.
-        let sign = -i16::from(before[lane] < after[lane]);
-        steps[lane] = (steps[lane] ^ sign) - sign;
-    }
-    steps
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn parabola_equals_the_rounded_quotient() {
-        for before in 0..200_i16 {
-            for after in 0..200_i16 {
-                let sum = f64::from(before) + f64::from(after);
-                let exact = if sum > 0.0 {
-                    // `f64::round` takes halves outwards.
-                    (8.0 * f64::from(before - after) / sum).round()
-                } else {
-                    0.0
-                };
-                assert_eq!(
-                    f64::from(parabola_q4(before, after)),
-                    exact,
-                    "{before} {after}"
-                );
-            }
-        }
-    }
 
     /// Sums of two pixels, selected by hand.
     #[test]
@@ -187,6 +139,7 @@ mod tests {
             disparities: 6,
             is_first: true,
             p1: 0,
+            subpixel: SubpixelStep::PARABOLA,
             p2_along: &[],
             p2_down: &[],
             paths: &mut [],

@@ -433,6 +433,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
             disparities: self.config.disparities.count.into(),
             is_first,
             p1: parameters.p1,
+            subpixel: parameters.subpixel,
             p2_along: self.p2_along,
             p2_down: self.p2_down,
             paths: self.paths,

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::Args;
 use vgstereo_core::config::Voters;
+use vgstereo_core::kernel::SubpixelStep;
 use vgstereo_core::{Method, Output, Parameters, Preset, SgmParameters};
 
 use crate::arguments::{parse_preset, parse_threshold};
@@ -39,7 +40,7 @@ pub struct Ablate {
 type Removal = (&'static str, fn(&mut SgmParameters) -> bool);
 
 /// The stages in the order in which data pass them.
-const REMOVALS: [Removal; 16] = [
+const REMOVALS: [Removal; 17] = [
     ("colour", |a| std::mem::replace(&mut a.colour, false)),
     ("smoothing", |a| std::mem::take(&mut a.smoothing_step) > 0),
     ("masks", |a| {
@@ -67,6 +68,10 @@ const REMOVALS: [Removal; 16] = [
         // Without penalties, the cost of every path is that of its pixel alone.
         (a.p1, a.p2, a.p2_floor) = (0, 0, 0);
         true
+    }),
+    ("finer sub-pixel step", |a| {
+        let parabola = SubpixelStep::PARABOLA;
+        std::mem::replace(&mut a.subpixel, parabola) != parabola
     }),
     ("left-right check", |a| {
         std::mem::replace(&mut a.left_right_tolerance_px, u8::MAX) < u8::MAX

@@ -6,7 +6,7 @@ use arbitrary::{Arbitrary, Result, Unstructured};
 use vgstereo_core::config::{
     RegionVoteParameters, SpeckleParameters, Support, Voters, WeightedMedianParameters,
 };
-use vgstereo_core::kernel::TieBreak;
+use vgstereo_core::kernel::{SubpixelStep, TieBreak};
 use vgstereo_core::{
     Config, DisparityRange, Method, Output, Parameters, Portable, RecallParameters, Reference,
     Region, SgmParameters,
@@ -144,6 +144,10 @@ fn sgm_parameters(u: &mut Unstructured<'_>) -> Result<SgmParameters> {
         p2,
         p2_floor: u.int_in_range(0..=p2)?,
         p2_adaptation_q4: u.arbitrary()?,
+        subpixel: SubpixelStep {
+            relief: u.arbitrary()?,
+            lines_min: u.int_in_range(0..=800)?,
+        },
         left_right_tolerance_px: u.arbitrary()?,
         margin: u.arbitrary()?,
         texture_min: u.arbitrary()?,

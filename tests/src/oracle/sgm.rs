@@ -731,10 +731,7 @@ fn find(
                     sum(x, best - 1) - sum(x, best),
                     sum(x, best + 1) - sum(x, best),
                 );
-                if before + after > 0 {
-                    refined += (8.0 * f64::from(before - after) / f64::from(before + after)).round()
-                        as i32;
-                }
+                refined += subpixel_step(before, after, a);
             }
             let match_x = x - minimum - best as i32;
             let inside = (0..width).contains(&match_x) && other.seen[other.index(match_x, y)];
@@ -795,6 +792,22 @@ fn truncation(cost_q8: i32, a: &SgmParameters) -> i32 {
     // The slope is rounded up to 1/256, and less than 256.
     let slope_q8 = ((truncation * 65536 + enough - 1) / enough).min(65535);
     truncation.min((i64::from(cost_q8) * slope_q8) >> 16) as i32
+}
+
+/// The step from the best disparity to the minimum of a parabola, or of two lines of one slope, 1/16 px.
+fn subpixel_step(before: i32, after: i32, a: &SgmParameters) -> i32 {
+    let larger = before.max(after);
+    let part = i32::from(a.subpixel.relief).min(5 * larger / 16);
+    let [before, after] = [before, after].map(|rise| f64::from((rise - part).max(0)));
+    let divisor = if larger >= a.subpixel.lines_min.into() {
+        before.max(after)
+    } else {
+        before + after
+    };
+    if divisor == 0.0 {
+        return 0;
+    }
+    (8.0 * (before - after) / divisor).round() as i32
 }
 
 /// One step of the recursion of path costs (Hirschmueller 2008, equation 13).

@@ -7,7 +7,7 @@
 
 use bytemuck::{must_cast_slice, must_cast_slice_mut, try_cast_slice};
 use vgstereo_core::disparity::STEPS_PER_PX;
-use vgstereo_core::kernel::{self, AggregateRow, NO_DISTANCE};
+use vgstereo_core::kernel::{self, AggregateRow, NO_DISTANCE, SubpixelStep};
 
 use super::aggregate::MAX_STRIDE;
 use super::simd::{
@@ -47,7 +47,7 @@ fn select_pixels<const QUADS: usize>(row: &mut AggregateRow<'_>) -> Option<()> {
         .iter()
         .zip(pixels(row.from_right)?)
         .zip(pixels(row.from_above)?);
-    let disparities = row.disparities;
+    let (disparities, subpixel) = (row.disparities, row.subpixel);
     let end = (row.best.len() + disparities).saturating_sub(1);
     let (inside, beyond) = row.other_best.split_at_mut(end.min(row.other_best.len()));
     beyond.fill(u32::MAX);
@@ -66,7 +66,7 @@ fn select_pixels<const QUADS: usize>(row: &mut AggregateRow<'_>) -> Option<()> {
         let key = others.meet(paths, &mut minima);
         // No later pixel reaches the position of this pixel's highest disparity.
         *done = others.best(open.len());
-        let selected = select(key, paths, &mut minima, disparities);
+        let selected = select(key, paths, &mut minima, disparities, &subpixel);
         *best = selected.index;
         *refined_index_q4 = selected.refined_index_q4;
         *margin = selected.margin;
@@ -186,7 +186,7 @@ struct Selected {
     margin: i16,
 }
 
-/// Returns the best disparity, refined by a parabola through its neighbours, and its margin over
+/// Returns the best disparity, refined by the sums of its neighbours, and its margin over
 /// the second best.
 #[inline(always)]
 fn select<const QUADS: usize>(
@@ -194,6 +194,7 @@ fn select<const QUADS: usize>(
     paths: [&[u32; QUADS]; 3],
     minima: &mut Minima,
     disparities: usize,
+    subpixel: &SubpixelStep,
 ) -> Selected {
     let index = (key & INDEX_MASK) as usize;
     let least = (key >> INDEX_BITS) as i16;
@@ -203,7 +204,7 @@ fn select<const QUADS: usize>(
     let sum = |index: usize| paths.iter().map(|path| i16::from(path[index])).sum::<i16>();
     let is_inside = 0 < index && index + 1 < disparities && index + 1 < paths[0].len();
     let step_q4 = if is_inside {
-        parabola_q4(sum(index - 1) - least, sum(index + 1) - least)
+        subpixel_step_q4(subpixel, sum(index - 1) - least, sum(index + 1) - least)
     } else {
         0
     };
@@ -238,12 +239,15 @@ fn select<const QUADS: usize>(
     }
 }
 
-/// Equals [`kernel::parabola_q4`] bit for bit. A processor that divides in hardware takes less time
-/// for one division than for the steps that replace it there.
+/// Equals [`kernel::subpixel_step_q4`] bit for bit. A processor that divides in hardware takes less
+/// time for one division than for the steps that replace it there.
 #[inline(always)]
-fn parabola_q4(before: i16, after: i16) -> i16 {
-    let sum = u32::from((before + after) as u16);
-    let difference = u32::from(before.abs_diff(after));
-    let steps = (16 * difference + sum).checked_div(2 * sum).unwrap_or(0) as i16;
+fn subpixel_step_q4(step: &SubpixelStep, before: i16, after: i16) -> i16 {
+    let relieved = step.relieved(before, after);
+    let divisor = u32::from(step.divisor(before, after, relieved) as u16);
+    let difference = u32::from((relieved.0 - relieved.1) as u16);
+    let steps = (16 * difference + divisor)
+        .checked_div(2 * divisor)
+        .unwrap_or(0) as i16;
     if before >= after { steps } else { -steps }
 }

@@ -8,7 +8,9 @@ use core::cell::Cell;
 use std::vec::Vec;
 
 use vgstereo_core::disparity::STEPS_PER_PX;
-use vgstereo_core::kernel::{AggregateRow, NO_DISTANCE, parabolas_q4, path_scratch_bytes};
+use vgstereo_core::kernel::{
+    AggregateRow, NO_DISTANCE, SubpixelStep, path_scratch_bytes, subpixel_steps_q4,
+};
 
 /// Largest number of disparities that the registers hold, rounded up to a multiple of 16.
 pub(super) const MAX_STRIDE: usize = 64;
@@ -145,6 +147,7 @@ impl SelectedBlock {
     pub(super) fn write(
         &self,
         disparities: usize,
+        subpixel: &SubpixelStep,
         best: &mut [u16],
         refined_index_q4: &mut [i16],
         margins: &mut [i16],
@@ -169,7 +172,7 @@ impl SelectedBlock {
             };
             margin[lane] = second - sum;
         }
-        let mut refined = parabolas_q4(&before, &after);
+        let mut refined = subpixel_steps_q4(subpixel, &before, &after);
         for (refined, &index) in refined.iter_mut().zip(&indices) {
             *refined += index.cast_signed() * STEPS_PER_PX;
         }
@@ -335,7 +338,7 @@ macro_rules! aggregate_in_registers {
                     *second = least_key(load_keys(&keys.0));
                 }
                 let ((best, refined_index_q4), margins) = outputs;
-                selected.write(disparities, best, refined_index_q4, margins);
+                selected.write(disparities, &row.subpixel, best, refined_index_q4, margins);
                 let others_start = others_end - best.len();
                 let decided = &selected.others[BLOCK - best.len()..];
                 if let Some(other_best) = row.other_best.get_mut(others_start..others_end) {
