@@ -48,12 +48,12 @@ fn what_neither_clips_nor_drowns_in_noise_costs_little() {
         });
         for (preset, equal) in presets.into_iter().zip(equal) {
             let cost = mean_bad_percent(preset.parameters(), &scene) - equal;
-            // Clipped levels are lost. The gain is largest at the blank wall, for which `lite` pays
-            // most.
-            let most = if (preset, name) == (Preset::Lite, CLIPPING) {
-                1.7
-            } else {
-                0.65
+            // Clipped levels are lost, and patterns of what is clipped tell less. The gain is largest at
+            // the blank wall, for which `lite` pays most.
+            let most = match (preset, name) {
+                (Preset::Lite, CLIPPING) => 2.3,
+                (_, CLIPPING) => 1.0,
+                _ => 0.65,
             };
             assert!(cost <= most, "{preset}, {name}: {cost:+.2}");
         }
@@ -139,6 +139,6 @@ fn strong_noise_costs_less_where_it_is_reckoned_with() {
         let (bad, bad_stubborn) = (bad_percent(adapting, &scene), bad_percent(stubborn, &scene));
         let what = format!("{preset}: {bad:.2} of {bad_stubborn:.2} %");
         println!("{what}");
-        assert!(bad < 0.8 * bad_stubborn, "{what}");
+        assert!(bad < 0.9 * bad_stubborn, "{what}");
     }
 }

@@ -150,7 +150,10 @@ const SGM: SgmParameters = SgmParameters {
     p2: 85,
     p2_floor: 15,
     p2_adaptation_q4: 16,
-    subpixel: SubpixelStep::PARABOLA,
+    subpixel: SubpixelStep {
+        relief: 50,
+        lines_min: 110,
+    },
     left_right_tolerance_px: 1,
     margin: 24,
     texture_min: 0,

@@ -129,7 +129,8 @@ impl LineGain {
             return None;
         }
         let most = self.deviation_max_q16;
-        let deviation_q16 = deviation.common_q16().clamp(-most, most);
+        // Not `clamp`, which would have to be proved not to panic.
+        let deviation_q16 = deviation.common_q16().max(-most).min(most);
         // The ratio whose deviation this is, 1/2 to 2.
         let (above, below) = (2 * ONE_Q16 + deviation_q16, 2 * ONE_Q16 - deviation_q16);
         let ratio_q12 = ((above << 12) as u32 / (below as u32).max(1)) as i32;

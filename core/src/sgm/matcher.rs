@@ -224,11 +224,17 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         step.saturating_add(self.noise().saturating_mul(4))
     }
 
-    /// What a difference of one level costs, 1/16: the more noise, the less.
+    /// What a difference of one level costs, 1/16: the more noise, the less, in steps of 1/2 down to
+    /// 1/2, as kernels take halves.
     fn difference_weight_q4(&self) -> u8 {
-        let weight_q4 = u16::from(self.parameters.difference_weight_q4);
-        // At most the weight.
-        (weight_q4 * NOISE_HALVING / (NOISE_HALVING + u16::from(self.noise()))) as u8
+        let weight_q4 = self.parameters.difference_weight_q4;
+        let noise = u16::from(self.noise());
+        if noise == 0 {
+            return weight_q4;
+        }
+        let reduced_q4 = u16::from(weight_q4) * NOISE_HALVING / (NOISE_HALVING + noise);
+        let rounded_q4 = ((reduced_q4 + 4) & !7).clamp(8, 248) as u8;
+        rounded_q4.min(weight_q4)
     }
 
     /// The largest step of the image that noise alone may make, levels.

@@ -4,8 +4,8 @@
 //! two views -> brightness of the other view's lines (line_gain)                   SgmMatcher
 //!           -> patterns of a row (pattern)
 //!           -> masks: which cells lie on the pixel's surface
-//!           -> matching costs: masked Hamming distance, and difference of levels
-//!              in the reference camera's exposure (exposure)
+//!           -> matching costs: masked Hamming distance, truncated by evidence (evidence), and
+//!              difference of levels in the reference camera's exposure (exposure)
 //!           -> penalties P1, P2; path costs from left, right and above (kernel)
 //!           -> winner-take-all, sub-pixel step, margin (kernel)
 //!           -> left-right check, uniqueness, texture (check)

@@ -623,7 +623,13 @@ fn find(
         let other = &other;
         let dead_zone = exposure.dead_zone;
         let noise = noise(&exposure);
-        let weight = full_weight * 8 / (8 + noise);
+        // In halves, of which one is left.
+        let weight = match noise {
+            0 => full_weight,
+            _ => ((full_weight * 8 / (8 + noise) + 4) / 8 * 8)
+                .clamp(8, 248)
+                .min(full_weight),
+        };
         // The first half of the synapses samples the smoothed view.
         let cells = |view: &View, smoothed: &[i32], x: i32| -> Vec<bool> {
             let n = offsets.len();
