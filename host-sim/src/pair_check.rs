@@ -301,11 +301,14 @@ fn sample(
 }
 
 /// The parameters of the check: the fastest that search both views, without what makes up for
-/// lines that lie too high or low.
+/// lines that lie too high or low, or adapts to views that match badly, which would favour them.
 fn parameters() -> Parameters {
     let mut parameters = Preset::Lite.parameters();
     if let Method::Sgm(sgm) = &mut parameters.method {
         sgm.line_offset_max_q4 = 0;
+        sgm.line_gain_max_q8 = 0;
+        sgm.usual_difference_max = u8::MAX;
+        sgm.evidence_q8 = 0;
     }
     parameters
 }
