@@ -106,7 +106,9 @@ fn a_calibration_without_distortion_changes_nothing_and_gives_depth() {
             panic!("a depth map has 16 bits");
         };
         let expected = FOCAL_PX * BASELINE_MM / SHIFT;
-        let is_right = |x, y| u32::from(depth.get_pixel(x, y).0[0]) == expected;
+        // Off by 1/16 px at most.
+        let off_max = expected / (16 * SHIFT - 1) + 1;
+        let is_right = |x, y| u32::from(depth.get_pixel(x, y).0[0]).abs_diff(expected) <= off_max;
         assert!(share(is_right) > 0.99);
     }
     let sure = image::open(fixture.path("sure.png")).unwrap().into_luma8();
@@ -124,7 +126,9 @@ fn a_rectified_pair_has_depth_by_focal_length_and_baseline() {
     let depth =
         Pfm::from_bytes(&fs::read(fixture.path("depth.pfm")).unwrap(), "depth.pfm").unwrap();
     let expected_m = 100.0 * 0.06 / (SHIFT as f32 + 1.5);
-    let is_right = |x, y| (depth.values[(y * WIDTH + x) as usize] - expected_m).abs() < 1e-4;
+    // Off by 1/16 px at most.
+    let off_max_m = expected_m / (16.0 * (SHIFT as f32 + 1.5) - 1.0) + 1e-4;
+    let is_right = |x, y| (depth.values[(y * WIDTH + x) as usize] - expected_m).abs() < off_max_m;
     assert!(share(is_right) > 0.99);
 }
 
@@ -155,7 +159,7 @@ fn a_scan_has_the_ranges_of_the_wall() {
     let mut right = 0;
     for (index, range_m) in (0_u32..).zip(&ranges) {
         let bearing = number("angle_min") + f64::from(index) * number("angle_increment");
-        right += u32::from((range_m * bearing.cos() / wall_m - 1.0).abs() < 0.01);
+        right += u32::from((range_m * bearing.cos() / wall_m - 1.0).abs() < 0.014);
     }
     // All but those at the border that only one camera sees.
     assert!(right >= 17, "{right}: {ranges:?}");
