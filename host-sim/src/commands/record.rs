@@ -49,7 +49,7 @@ pub struct Record {
     /// that it can [default: disparities,confidences].
     #[arg(long, value_name = "STREAM", value_delimiter = ',', value_parser = parse_stream)]
     streams: Vec<Streams>,
-    /// End after so many frames.
+    /// End after so many frames that have these streams. What the board was sending before is kept, too.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     frames: Option<u64>,
     /// End after so many seconds.
@@ -266,6 +266,8 @@ impl Record {
         let was_started = board.board.state.is_some_and(|state| state.is_started);
         let selection = HostMessage::Select(Selection::whole(streams));
         board.command("--streams", &selection)?;
+        // Those that came before the answer have other streams.
+        board.drop_frames();
         board.command("start", &HostMessage::Start)?;
         *has_begun = true;
         let bar = spinner();

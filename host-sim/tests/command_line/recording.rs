@@ -4,10 +4,12 @@ use std::fs;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::channel;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use assert_cmd::cargo::CommandCargoExt;
+use image::GrayImage;
 use vgstereo_link::board::Outcome;
 use vgstereo_link::{
     BoardMessage, Decoder, Encoder, HostMessage, Line, Selection, Source, State, Streams, Values,
@@ -15,6 +17,7 @@ use vgstereo_link::{
 
 use crate::fixture::Fixture;
 use crate::link::Board;
+use crate::scripted::Script;
 
 const WIDTH: u16 = 40;
 const HEIGHT: u32 = 20;
@@ -191,6 +194,52 @@ fn a_recording_has_the_bytes_that_were_sent_and_gives_them_back() {
             .unwrap()
             .contains("frames: ")
     );
+}
+
+#[test]
+fn frames_from_before_the_board_knew_what_to_send_do_not_count() {
+    let fixture = Fixture::new();
+    let (heard, commands) = channel();
+    let picture = GrayImage::new(32, 20);
+    let script = Script {
+        frames_before: 4,
+        answer: Box::new(move |command| {
+            heard
+                .send(matches!(command, HostMessage::Select(_)))
+                .unwrap();
+            Some(Outcome::Done)
+        }),
+        ..Script::of(vec![[picture.clone(), picture]])
+    };
+    let address = script.serve();
+    for arguments in [
+        &[
+            "record",
+            &address,
+            "a.mcap",
+            "--streams",
+            "raw",
+            "--frames",
+            "2",
+        ][..],
+        &["replay", "a.mcap", "--out", "a.bin"],
+    ] {
+        let outcome = fixture.run(arguments);
+        assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    }
+    let bytes = fs::read(fixture.path("a.bin")).unwrap();
+    let (mut rest, mut memory) = (&bytes[..], [0; 4096]);
+    let mut decoder = Decoder::new(&mut memory);
+    let (mut before, mut after, mut is_selected) = (0, 0, false);
+    while let Some(received) = decoder.next::<BoardMessage<'_>>(&mut rest) {
+        match received.unwrap().message {
+            BoardMessage::Answer { .. } => is_selected |= commands.recv().unwrap(),
+            BoardMessage::FrameDone { .. } if is_selected => after += 1,
+            BoardMessage::FrameDone { .. } => before += 1,
+            _ => {}
+        }
+    }
+    assert!(before == 4 && after >= 2, "{before} frames, then {after}");
 }
 
 #[test]

@@ -26,6 +26,8 @@ pub(crate) struct Script {
     pub piece_bytes_max: u16,
     /// The pairs that its camera sees, one after the other and again from the first, of one size.
     pub pairs: Vec<[GrayImage; 2]>,
+    /// Frames that it sends before it answers what it is to send, as a board does that has more to do.
+    pub frames_before: usize,
     /// The connection is cut after so many frames.
     pub frames_max: Option<usize>,
     /// What becomes of a command.
@@ -39,6 +41,7 @@ impl Script {
             streams: Streams::RAW,
             piece_bytes_max: 0,
             pairs,
+            frames_before: 0,
             frames_max: None,
             answer: Box::new(|_| Some(Outcome::Done)),
         }
@@ -56,7 +59,7 @@ impl Script {
     }
 
     /// Speaks with the host until it has gone or is cut.
-    fn run(mut self, mut stream: &TcpStream) {
+    fn run(mut self, stream: &TcpStream) {
         stream.set_read_timeout(Some(PAUSE)).unwrap();
         let size = self
             .pairs
@@ -75,8 +78,14 @@ impl Script {
         let frames_max = self.frames_max.unwrap_or(usize::MAX);
         let mut pairs = self.pairs.iter().cycle().take(frames_max);
         let mut bytes = [0; 4096];
-        for frame in 0.. {
-            let count = match stream.read(&mut bytes) {
+        let mut frame = 0;
+        let (mut from_host, mut to_host) = (stream, stream);
+        let mut send = |frame: u32, message: &BoardMessage<'_>| {
+            let packet = encoder.encode(u64::from(frame) * 20_000, message).unwrap();
+            to_host.write_all(packet).is_ok()
+        };
+        loop {
+            let count = match from_host.read(&mut bytes) {
                 Ok(0) => return,
                 Ok(count) => count,
                 Err(error)
@@ -87,10 +96,6 @@ impl Script {
                 Err(_) => return,
             };
             let mut rest = &bytes[..count];
-            let mut send = |message: &BoardMessage<'_>| {
-                let packet = encoder.encode(u64::from(frame) * 20_000, message).unwrap();
-                stream.write_all(packet).is_ok()
-            };
             while let Some(got) = decoder.next::<HostMessage<'_>>(&mut rest) {
                 let Ok(packet) = got else { continue };
                 let Some(outcome) = (self.answer)(&packet.message) else {
@@ -100,56 +105,70 @@ impl Script {
                     HostMessage::Start => is_started = true,
                     HostMessage::Stop => is_started = false,
                     HostMessage::SendHello => {
-                        send(&BoardMessage::Hello(hello(
-                            view,
-                            self.streams,
-                            self.piece_bytes_max,
-                        )));
+                        let hello = hello(view, self.streams, self.piece_bytes_max);
+                        send(frame, &BoardMessage::Hello(hello));
                         // A slow line: it comes in a read of its own.
                         thread::sleep(PAUSE);
-                        send(&BoardMessage::State(state(is_started)));
+                        send(frame, &BoardMessage::State(state(is_started)));
+                    }
+                    HostMessage::Select(_) => {
+                        for pair in pairs.by_ref().take(self.frames_before) {
+                            send_frame(view, frame, pair, &mut send);
+                            frame += 1;
+                        }
                     }
                     _ => {}
                 }
-                send(&BoardMessage::Answer {
+                let answer = BoardMessage::Answer {
                     sequence: packet.sequence,
                     outcome,
-                });
+                };
+                send(frame, &answer);
             }
-            if !is_started {
-                continue;
-            }
-            let Some(pair) = pairs.next() else { return };
-            let region = Region {
-                x_px: 0,
-                y_lines: 0,
-                width_px: view.width_px,
-                height_lines: view.height_lines,
-            };
-            let timestamp_us = u64::from(frame) * 20_000;
-            send(&BoardMessage::FrameBegun(FrameBegun {
-                frame,
-                timestamp_us,
-                region,
-            }));
-            let width = usize::from(view.width_px);
-            let [left, right] = pair
-                .each_ref()
-                .map(|picture| picture.as_raw().chunks(width));
-            for (line, (left, right)) in (0..).zip(left.zip(right)) {
-                send(&BoardMessage::RawPair(LinePair {
-                    frame,
-                    line,
-                    format: view.format,
-                    left,
-                    right,
-                }));
-            }
-            if !send(&BoardMessage::FrameDone { frame }) {
-                return;
+            if is_started {
+                let Some(pair) = pairs.next() else { return };
+                if !send_frame(view, frame, pair, &mut send) {
+                    return;
+                }
+                frame += 1;
             }
         }
     }
+}
+
+/// Sends a pair as a frame, and returns whether the host is still there.
+fn send_frame(
+    view: View,
+    frame: u32,
+    pair: &[GrayImage; 2],
+    send: &mut dyn FnMut(u32, &BoardMessage<'_>) -> bool,
+) -> bool {
+    let begun = FrameBegun {
+        frame,
+        timestamp_us: u64::from(frame) * 20_000,
+        region: Region {
+            x_px: 0,
+            y_lines: 0,
+            width_px: view.width_px,
+            height_lines: view.height_lines,
+        },
+    };
+    send(frame, &BoardMessage::FrameBegun(begun));
+    let width = usize::from(view.width_px);
+    let [left, right] = pair
+        .each_ref()
+        .map(|picture| picture.as_raw().chunks(width));
+    for (line, (left, right)) in (0..).zip(left.zip(right)) {
+        let pair = LinePair {
+            frame,
+            line,
+            format: view.format,
+            left,
+            right,
+        };
+        send(frame, &BoardMessage::RawPair(pair));
+    }
+    send(frame, &BoardMessage::FrameDone { frame })
 }
 
 fn hello(view: View, streams: Streams, piece_bytes_max: u16) -> Hello<'static> {
