@@ -32,6 +32,24 @@ impl LevelConversion {
         let converted = (self.gain_q12 * i32::from(level) + self.offset_q12 + (1 << 11)) >> 12;
         converted.clamp(0, 255) as u8
     }
+
+    /// Converts a level, but for 0 and 255, which may have been clipped and stay.
+    #[inline(always)]
+    #[must_use]
+    pub(crate) fn apply_inside(&self, level: u8) -> u8 {
+        let (is_above, is_highest) = ends(level);
+        self.apply(level) & is_above | is_highest
+    }
+}
+
+/// Whether a level is above 0, and whether it is 255; all ones if so, else 0, so that loops over levels are
+/// vectorised. A level at either end of the range may have been clipped.
+#[inline(always)]
+fn ends(level: u8) -> (u8, u8) {
+    (
+        u8::from(level > 0).wrapping_neg(),
+        u8::from(level == u8::MAX).wrapping_neg(),
+    )
 }
 
 /// Converts levels of the other view: writes the lowest and the highest level of the reference
@@ -42,10 +60,7 @@ pub fn convert_row(conversion: &LevelConversion, levels: &[u8], low: &mut [u8], 
     let zone = conversion.dead_zone;
     for ((&level, low), high) in levels.iter().zip(low).zip(high) {
         let converted = conversion.apply(level);
-        // A level at either end of the range may have been clipped. The masks are all ones or none,
-        // so that the loop is vectorised.
-        let is_above = u8::from(level > 0).wrapping_neg();
-        let is_highest = u8::from(level == u8::MAX).wrapping_neg();
+        let (is_above, is_highest) = ends(level);
         *low = converted.saturating_sub(zone) & is_above;
         *high = converted.saturating_add(zone) | is_highest;
     }

@@ -41,8 +41,8 @@ impl SubpixelStep {
         (larger - relief, (smaller - relief).max(0))
     }
 
-    /// What the difference of the two relieved rises is divided by: half of this is the difference
-    /// at which the minimum lies half a pixel away.
+    /// The divisor of the step, a sum of path costs: the step is 1/2 px times the difference of the two
+    /// relieved rises, divided by it. It is their sum for a parabola, the larger one for two lines.
     #[inline(always)]
     #[must_use]
     pub fn divisor(&self, before: i16, after: i16, (larger, smaller): (i16, i16)) -> i16 {

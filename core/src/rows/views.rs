@@ -192,7 +192,8 @@ impl<'m> View<'m> {
         smoothed.store(newest, |levels| copy_common(levels, grey.row(newest)));
     }
 
-    /// Completes what depends on the newest line of both views with that of this one.
+    /// Turns a conversion by the newest lines of both views into one by that of the other view: this view
+    /// is the reference view, and has its newest line.
     fn beside_newest(
         &self,
         conversion: impl FnOnce(NewestRows<'_>) -> Option<LevelConversion>,
@@ -270,11 +271,7 @@ fn convert_inside(levels: &mut [u8], conversion: Option<LevelConversion>) {
         return;
     };
     for level in levels {
-        let converted = conversion.apply(*level);
-        // Masks are all ones or none, so that the loop is vectorised.
-        let is_above = u8::from(*level > 0).wrapping_neg();
-        let is_highest = u8::from(*level == u8::MAX).wrapping_neg();
-        *level = converted & is_above | is_highest;
+        *level = conversion.apply_inside(*level);
     }
 }
 

@@ -88,8 +88,8 @@ impl Exposure {
         known.copied().unwrap_or(LevelConversion::UNKNOWN)
     }
 
-    /// By how many levels the difference that matched levels usually have exceeds `usual_max`; 0 while the
-    /// exposure is not known. At most 254.
+    /// The noise of the cameras, levels, 0 to 254: the largest usual difference between matched levels, less
+    /// `usual_max`, at least 0. It is 0 while the exposure is not known.
     pub(super) fn noise(&self, usual_max: u8) -> u8 {
         let conversion = self.conversion(0);
         if conversion.is_known() {

@@ -52,7 +52,7 @@ pub(super) struct LineGain {
     seen: Option<Seen>,
 }
 
-/// What is known after the first line.
+/// Means over the lines of a frame that have come, of which there is at least one.
 #[derive(Debug)]
 struct Seen {
     /// Running mean of the means of lines.
@@ -78,15 +78,15 @@ struct Levels {
     other_q8: u32,
 }
 
-/// By how much brighter the reference view is for its other view than elsewhere, in both measures,
-/// 1/65536. For a ratio `r` the deviation is `2 (r - 1) / (r + 1)`, between -2 and 2, so that that of
-/// `1 / r` is its negative.
+/// How much brighter a line is in the reference view than the other view's line lets expect, measured in
+/// two ways, 1/65536, from -2 to 2. A line that is `r` times as bright as expected has the deviation
+/// `2 (r - 1) / (r + 1)`, and one that is `1 / r` times as bright the negative of that.
 #[derive(Debug, Clone, Copy)]
 struct Deviation {
-    /// Of the ratio of both levels.
+    /// Deviation of the ratio of the reference view's mean level to the other view's.
     ratio_q16: i32,
-    /// Of the difference between the level of the reference view and the learned gain times that of the
-    /// other view.
+    /// Deviation of the mean level of the reference view, where the other view's mean level times the
+    /// learned gain tells by how much it should have changed.
     difference_q16: i32,
 }
 
@@ -163,7 +163,7 @@ impl LineGain {
 }
 
 impl Seen {
-    /// What is known after the first line.
+    /// The means after the first line, which are its own.
     fn new(mean: Levels, spread: Levels) -> Self {
         Self {
             mean,
@@ -205,7 +205,8 @@ impl Seen {
 }
 
 impl Levels {
-    /// By how much brighter the reference view is for its other view than `before`, in both measures.
+    /// How much brighter these mean levels are in the reference view than the other view lets expect by
+    /// those `before`.
     fn deviation(&self, before: &Self, exposure_gain_q12: i32) -> Deviation {
         let change = |now_q8: u32, before_q8: u32| i64::from(now_q8) - i64::from(before_q8);
         let other_change = change(self.other_q8, before.other_q8);

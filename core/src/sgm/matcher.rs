@@ -14,8 +14,8 @@ use super::plan::SgmPlan;
 use crate::config::{Config, ConfigError, SgmParameters};
 use crate::disparity::STEPS_PER_PX;
 use crate::kernel::{
-    AggregateRow, CELLS_PER_BYTE, CostRun, Kernels, MASK_LANES, MAX_CHANNELS, Planes,
-    path_scratch_bytes,
+    AggregateRow, CELLS_PER_BYTE, CostRun, Kernels, LevelConversion, MASK_LANES, MAX_CHANNELS,
+    Planes, path_scratch_bytes,
 };
 use crate::pattern::{PatternRow, Sampler, Synapses};
 use crate::rows::{Arena, Line, NewestRows, Strip, ViewPair, extend_run};
@@ -204,13 +204,17 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
     ) -> Option<u32> {
         let offset_q4 = self.alignment.offset_q4();
         self.views.set_smoothing_step(self.smoothing_step());
-        // That of green, which is the largest part of grey; without colour, that of grey.
-        let exposure = self.exposure.conversion(self.plan.reference.channels() / 2);
+        let exposure = self.grey_exposure();
         let line_gain = &mut self.line_gain;
         let conversion = |rows: NewestRows<'_>| line_gain.conversion(&rows, exposure.gain_q12);
         self.views
             .push_mended(left, right, offset_q4, conversion, &self.kernels);
         self.match_next(false)
+    }
+
+    /// The exposure of green, which is the largest part of grey; without colour, that of grey.
+    fn grey_exposure(&self) -> LevelConversion {
+        self.exposure.conversion(self.plan.reference.channels() / 2)
     }
 
     /// By how much matched levels differ more than where there is hardly any noise, levels.
@@ -482,9 +486,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
                 own: grey.row(line),
                 others: [line - 1, line, line + 1].map(|line| other.row(line)),
             };
-            // The conversion of green, which is the largest part of grey; without colour, that of
-            // grey.
-            let conversion = self.exposure.conversion(channels / 2);
+            let conversion = self.grey_exposure();
             // Every fourth pixel suffices.
             let matches = check.matches::<4>(self.confidences);
             let matches = matches.map(|(position, other_position)| {
