@@ -65,7 +65,7 @@ pub struct Replay {
 
 /// Takes bytes as they were recorded.
 struct Player<'w> {
-    output: &'w mut dyn Write,
+    output: &'w mut (dyn Write + Send),
     pace: Option<Pace>,
     interrupts: Option<&'w Interrupts>,
     bytes: u64,
@@ -130,7 +130,7 @@ impl Replay {
         match self.out.as_deref() {
             None => self.serve(),
             Some(path) if path == Path::new("-") => {
-                let text = self.play(&mut std::io::stdout().lock(), None, None)?;
+                let text = self.play(&mut std::io::stdout(), None, None)?;
                 Ok(Said::Aside(text))
             }
             Some(path) => {
@@ -200,7 +200,7 @@ impl Replay {
     /// Plays the recording to `output`, and returns what it had.
     fn play(
         &self,
-        output: &mut dyn Write,
+        output: &mut (dyn Write + Send),
         pace: Option<Pace>,
         interrupts: Option<&Interrupts>,
     ) -> Result<String> {

@@ -19,7 +19,7 @@ const PATIENCE: Duration = Duration::from_secs(30);
 const HELLO_WAIT: Duration = Duration::from_secs(2);
 
 /// Learns of all that a board sends, as it comes.
-pub trait Observer: std::fmt::Debug {
+pub trait Observer: std::fmt::Debug + Send {
     /// Bytes have come, at this time, ns since 1970; `None` where it is not known.
     ///
     /// # Errors

@@ -358,7 +358,7 @@ fn searched(board: &Board) -> DisparityRange {
     }
 }
 
-impl<W: Write + Seek> Observer for Exporter<W> {
+impl<W: Write + Seek + Send> Observer for Exporter<W> {
     fn packet(&mut self, arrived_ns: Option<u64>, packet: &Packet<BoardMessage<'_>>) -> Result<()> {
         let stamp = |frame| Stamp {
             // Where no times of arrival are known, that of sending.

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use image::{DynamicImage, GrayImage, RgbImage};
+use serde::Serialize;
 use vgstereo_core::INVALID;
 use vgstereo_core::geometry::RectifiedCamera;
 
@@ -14,6 +15,21 @@ use super::pixels::{Pixels, unpacked};
 use super::recording::Damage;
 use super::source::Source;
 use crate::escapes::shown;
+
+/// What frames are judged by.
+pub const JUDGED: &str = "disparities or a pair of views";
+/// What is said where disparities that were filled in cannot be told from those found.
+pub const DENSE: &str =
+    "disparities that the board has filled in count as found: it sent no confidences";
+
+/// What a recording lacks, as JSON has it.
+#[derive(Debug, Clone, Serialize)]
+pub struct Lacking {
+    /// Number of frames that were left out: lines are missing, or nothing could be made of them.
+    left_out: u64,
+    /// Up to where it is whole, if not to its end.
+    damage: Option<String>,
+}
 
 /// The frames of a recording, or of a file of bytes of the link.
 #[derive(Debug)]
@@ -98,13 +114,19 @@ impl<'m> Frames<'m> {
                 let name = self.names.next(frame.begun.frame);
                 let taken = take(&frame, &self.attended.board).transpose();
                 if let Some(taken) = taken {
-                    let taken = taken.with_context(|| format!("{}: frame {name}", self.name));
+                    let taken = taken.with_context(|| self.place_of(&name));
                     return Ok(Some((name, taken)));
                 }
             }
             self.left_out += 1;
         }
         Ok(None)
+    }
+
+    /// The file and the frame of this name, as errors name them.
+    #[must_use]
+    pub fn place_of(&self, frame: &str) -> String {
+        format!("{}: frame {frame}", self.name)
     }
 
     /// The camera that the board has told.
@@ -143,16 +165,18 @@ impl<'m> Frames<'m> {
         Ok(())
     }
 
-    /// Number of frames that were left out: lines are missing, or nothing could be made of them.
-    #[must_use]
-    pub fn left_out(&self) -> u64 {
-        self.left_out
+    /// Where the recording is no longer whole, once it was read up to there.
+    fn damage(&self) -> Option<&Damage> {
+        self.attended.client().damage()
     }
 
-    /// Where the recording is no longer whole, once it was read up to there.
+    /// What the recording lacks, once it was read.
     #[must_use]
-    pub fn damage(&self) -> Option<&Damage> {
-        self.attended.client().damage()
+    pub fn lacking(&self) -> Lacking {
+        Lacking {
+            left_out: self.left_out,
+            damage: self.damage().map(ToString::to_string),
+        }
     }
 
     /// What the recording lacks, once it was read, a line each. `needed` is what frames without it were left

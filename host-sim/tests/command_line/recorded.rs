@@ -8,6 +8,7 @@ use serde_json::Value;
 use vgstereo_core::INVALID;
 use vgstereo_link::board::Camera;
 
+use crate::eval::FIGURES;
 use crate::fixture::{Fixture, HEIGHT, Outcome, SHIFT, WIDTH, files_below, texture, two_scenes};
 use crate::link::{Board, Sent, record};
 
@@ -339,18 +340,7 @@ fn report(outcome: &Outcome) -> Value {
 fn assert_same_figures(preset: &Value, frame: usize, of_scene: &Value) {
     let (frame, scene) = (&preset["scenes"][frame], &of_scene["scenes"][0]);
     assert!(scene["average"].as_f64().is_some(), "{of_scene}");
-    for figure in [
-        "width",
-        "height",
-        "d_max",
-        "nonocc",
-        "all",
-        "disc",
-        "average",
-        "invalid",
-        "working_bytes",
-        "latency_lines",
-    ] {
+    for figure in FIGURES {
         assert_eq!(frame[figure], scene[figure], "{figure}");
     }
 }

@@ -19,12 +19,13 @@ use crate::escapes::{shown, shown_name};
 use crate::files::{encode, ensure_distinct_outputs, make_folder, write_files};
 use crate::images::{bits_note, parse_bits};
 use crate::line_offset::{LineOffset, lowered};
+use crate::link::recorded::Lacking;
 use crate::pictures::{colour_disparities, error_map};
 use crate::prepared::Prepared;
 use crate::scene::GroundTruth;
 use crate::terminal::{note, progress_bar};
 use compare::{Ranked, ensure_comparable, ensure_has_masks, rank, ranking_table};
-use report::{Cost, PresetReport, RecordingReport, SceneReport, results_table};
+use report::{Cost, PresetReport, SceneReport, results_table};
 use spread::SpreadReport;
 
 mod compare;
@@ -109,7 +110,7 @@ struct Report<'a> {
     presets: &'a [PresetReport],
     /// What the recording lacks that was judged.
     #[serde(flatten)]
-    recording: Option<RecordingReport>,
+    recording: Option<Lacking>,
     /// The presets and the published methods on the scenes of Middlebury v2, best first.
     #[serde(skip_serializing_if = "Option::is_none")]
     comparison: Option<Vec<Ranked>>,
@@ -315,11 +316,7 @@ impl Eval {
     }
 
     /// Returns the table or the JSON of a single seed.
-    fn report_one(
-        &self,
-        presets: &[PresetReport],
-        recording: Option<RecordingReport>,
-    ) -> Result<String> {
+    fn report_one(&self, presets: &[PresetReport], recording: Option<Lacking>) -> Result<String> {
         let comparison = self.compare.then(|| rank(presets));
         if self.json {
             let report = Report {

@@ -6,7 +6,7 @@ use anyhow::{Context, Result, ensure};
 use vgstereo_core::{DisparityRange, Preset};
 
 use super::Eval;
-use super::report::{PresetReport, RecordingReport, SceneReport};
+use super::report::{PresetReport, SceneReport};
 use crate::arguments::name_of;
 use crate::dataset::{KnownScene, scene_files};
 use crate::escapes::shown;
@@ -14,7 +14,7 @@ use crate::files::{ensure_distinct_outputs, make_folder};
 use crate::line_offset::lowered;
 use crate::link::board::{Board, Frame};
 use crate::link::client::Memory;
-use crate::link::recorded::{Found, Frames, Pair, found, pair};
+use crate::link::recorded::{DENSE, Found, Frames, JUDGED, Pair, found, pair};
 use crate::metrics::BadPixels;
 use crate::prepared::Prepared;
 use crate::scene::Scene;
@@ -22,8 +22,6 @@ use crate::terminal::{note, spinner};
 
 /// The name of what the board has found, among those of presets.
 const BOARD: &str = "board";
-/// What frames are judged by.
-const NEEDED: &str = "disparities or a pair of views";
 
 /// What of a frame can be judged: at least one of the two.
 struct Seen {
@@ -81,24 +79,20 @@ impl Eval {
         let mut count = 0_u64;
         while let Some((frame, seen)) = frames.next_of(Seen::of)? {
             let judged = judging.judge(&frames, &frame, seen?);
-            judged.with_context(|| format!("{name}: frame {frame}"))?;
+            judged.with_context(|| frames.place_of(&frame))?;
             count += 1;
             bar.set_message(format!("judging: {count} frames"));
             bar.tick();
         }
         bar.finish_and_clear();
         if count == 0 {
-            return Err(frames.none(NEEDED));
+            return Err(frames.none(JUDGED));
         }
         let reports = judging.gathered()?;
-        for lack in frames.lacks(NEEDED) {
+        for lack in frames.lacks(JUDGED) {
             note(&lack);
         }
-        let recording = RecordingReport {
-            left_out: frames.left_out(),
-            damage: frames.damage().map(ToString::to_string),
-        };
-        self.report_one(&reports, Some(recording))
+        self.report_one(&reports, Some(frames.lacking()))
     }
 }
 
@@ -113,7 +107,7 @@ impl Judging<'_> {
             shown(&eval.dir)
         );
         if self.is_dense && eval.sparse {
-            note("disparities that the board has filled in count as found: it sent no confidences");
+            note(DENSE);
         }
         let mut gathered = Vec::new();
         if !self.board.is_empty() {

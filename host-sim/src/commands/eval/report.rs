@@ -19,8 +19,8 @@ pub(super) struct PresetReport {
     pub(super) scenes: Vec<SceneReport>,
 }
 
-/// The figures of one preset on one scene, or on one frame of a recording. Bad pixels are in percent; a figure is `None` when
-/// the scene does not have its mask.
+/// The figures of one preset on one scene, or on one frame of a recording. Bad pixels are in percent; a
+/// figure is `None` when the scene does not have its mask.
 #[derive(Debug, Serialize)]
 pub(super) struct SceneReport {
     /// The name of the scene or the number of the frame.
@@ -90,15 +90,6 @@ impl Cost {
             latency_lines: matched.latency_lines,
         }
     }
-}
-
-/// The JSON of what a recording lacks.
-#[derive(Debug, Serialize)]
-pub(super) struct RecordingReport {
-    /// Number of frames with nothing that can be judged.
-    pub(super) left_out: u64,
-    /// Up to where it is whole, if not to its end.
-    pub(super) damage: Option<String>,
 }
 
 impl PresetReport {

@@ -1,17 +1,16 @@
 //! Many pairs, some at a time.
 
 use std::collections::{HashMap, HashSet};
-use std::path::{Path, PathBuf, absolute};
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::thread;
 
 use anyhow::{Context, Result, ensure};
 
+use super::batch;
 use super::options::Options;
 use super::plan::{Kind, Plan};
 use super::rows::{Figures, Row, Source, said};
-use super::targets::{OPTIONS, Targets};
+use super::targets::{OPTIONS, Targets, Written};
 use crate::escapes::shown;
 use crate::files::ensure_distinct_outputs;
 use crate::pair_lists::{Found, NamedPair};
@@ -27,7 +26,7 @@ pub(super) fn run(options: &Options, found: &Found) -> Result<Said> {
     for image in &found.alone {
         note(&format!("{} has no partner", shown(image)));
     }
-    let rows = batch.matched();
+    let rows = batch.matched()?;
     let alone = found.alone.iter().map(|path| shown(path)).collect();
     said(options, &rows, Source::Images { alone })
 }
@@ -73,7 +72,7 @@ impl<'a> Batch<'a> {
             .chain(others.iter().copied())
             .filter_map(|path| path.canonicalize().ok())
             .collect();
-        let mut outputs = HashSet::new();
+        let mut written = Written::default();
         for (named, targets) in &self.pairs {
             let files = targets.files();
             let paths: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
@@ -85,41 +84,23 @@ impl<'a> Batch<'a> {
                     "the output {} would replace an input",
                     shown(path)
                 );
-                let is_new = outputs.insert(absolute(path).unwrap_or_else(|_| path.to_owned()));
-                ensure!(is_new, "two pairs would write {}", shown(path));
+                written.add(path, "pairs")?;
             }
         }
         Ok(())
     }
 
-    /// Matches all pairs, each thread one at a time, so that no more than as many are in memory.
-    fn matched(&self) -> Vec<Row> {
+    /// Matches all pairs.
+    fn matched(&self) -> Result<Vec<Row>> {
         let threads = self.options.threads.get().min(self.pairs.len());
         let bar = progress_bar(self.pairs.len() as u64, "matching");
-        let next = AtomicUsize::new(0);
-        let rows: Vec<Mutex<Option<Row>>> = self.pairs.iter().map(|_| Mutex::default()).collect();
-        thread::scope(|scope| {
-            for _ in 0..threads {
-                scope.spawn(|| {
-                    loop {
-                        let index = next.fetch_add(1, Ordering::Relaxed);
-                        let Some(place) = rows.get(index) else { return };
-                        let row = self.row(index);
-                        bar.suspend(|| row.tell());
-                        *place.lock().unwrap_or_else(PoisonError::into_inner) = Some(row);
-                        bar.inc(1);
-                    }
-                });
-            }
-        });
-        bar.finish_and_clear();
-        let rows = rows.into_iter();
-        rows.filter_map(|row| row.into_inner().unwrap_or_else(PoisonError::into_inner))
-            .collect()
+        let mut pairs = self.pairs.iter();
+        let next = || Ok(pairs.next());
+        let done = |count| bar.set_position(count as u64);
+        batch::rows(threads, &bar, next, |pair| self.row(pair), done)
     }
 
-    fn row(&self, index: usize) -> Row {
-        let (named, targets) = &self.pairs[index];
+    fn row(&self, (named, targets): &(&NamedPair, Targets)) -> Row {
         let images = named.pair.paths().into_iter().map(shown).collect();
         Row::new(named.name.clone(), images, self.match_one(named, targets))
     }

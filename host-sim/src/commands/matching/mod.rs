@@ -1,6 +1,7 @@
-//! `vgstereo match`: matches pairs of images or of a recording, rectified before or by a calibration, and writes maps
-//! of disparity and depth, points and scans.
+//! `vgstereo match`: matches pairs of images or of a recording, rectified before or by a calibration, and
+//! writes maps of disparity and depth, points and scans.
 
+mod batch;
 mod many;
 mod options;
 mod plan;

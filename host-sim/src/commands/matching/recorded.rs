@@ -1,18 +1,15 @@
-//! The pairs of a recording, some at a time: no more are in memory than threads match, and one besides.
+//! The pairs of a recording, read one at a time by the threads that match them.
 
-use std::collections::HashSet;
-use std::path::{Path, PathBuf, absolute};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::{Context, Result, ensure};
 
+use super::batch;
 use super::options::Options;
 use super::plan::{Kind, Plan};
 use super::rows::{Figures, Row, Source, said};
-use super::targets::{OPTIONS, Targets};
-use crate::escapes::shown;
+use super::targets::{OPTIONS, Targets, Written};
 use crate::files::ensure_distinct_outputs;
 use crate::images::ViewImages;
 use crate::link::client::Memory;
@@ -41,8 +38,7 @@ pub(super) fn run(options: &Options, path: &Path) -> Result<Said> {
         targets,
         frames: Frames::open(path, &mut memory)?,
         plan: None,
-        written: HashSet::new(),
-        count: 0,
+        written: Written::default(),
     };
     // What all frames have in common shows in the first one, before anything is written.
     let first = match reading.next()? {
@@ -57,16 +53,12 @@ pub(super) fn run(options: &Options, path: &Path) -> Result<Said> {
     for lack in reading.frames.lacks(NEEDED) {
         note(&lack);
     }
-    let source = Source::Recording {
-        left_out: reading.frames.left_out(),
-        damage: reading.frames.damage().map(ToString::to_string),
-    };
+    let source = Source::Recording(reading.frames.lacking());
     said(options, &rows, source)
 }
 
 /// A frame with a pair of views.
 struct Read {
-    index: usize,
     name: String,
     job: Result<Job>,
 }
@@ -87,8 +79,7 @@ struct Reading<'a> {
     /// The plan of the pair before.
     plan: Option<(Kind, Arc<Plan>)>,
     /// The files of the frames that were read.
-    written: HashSet<PathBuf>,
-    count: usize,
+    written: Written,
 }
 
 impl Reading<'_> {
@@ -97,11 +88,9 @@ impl Reading<'_> {
         let Some((name, pair)) = self.frames.next_of(|frame, _| pair(frame))? else {
             return Ok(None);
         };
-        let context = format!("{}: frame {name}", shown(self.path));
-        let job = pair.and_then(|pair| self.job(&name, pair).context(context));
-        let index = self.count;
-        self.count += 1;
-        Ok(Some(Read { index, name, job }))
+        let place = self.frames.place_of(&name);
+        let job = pair.and_then(|pair| self.job(&name, pair).context(place));
+        Ok(Some(Read { name, job }))
     }
 
     fn job(&mut self, name: &str, pair: Pair) -> Result<Job> {
@@ -145,72 +134,28 @@ impl Reading<'_> {
         inputs.extend(self.options.other_inputs());
         ensure_distinct_outputs(&inputs, &outputs)?;
         for path in outputs {
-            let is_new = self
-                .written
-                .insert(absolute(path).unwrap_or_else(|_| path.to_owned()));
-            ensure!(is_new, "two frames would write {}", shown(path));
+            self.written.add(path, "frames")?;
         }
         Ok(())
     }
 }
 
-/// Matches all pairs, each thread one at a time, and returns their rows in the order of the recording.
+/// Matches all pairs.
 fn matched(reading: &mut Reading<'_>, first: Read) -> Result<Vec<Row>> {
     let options = reading.options;
     let bar = spinner();
-    let rows = Mutex::new(Vec::new());
-    let done = |index: usize, row: Row| {
-        bar.suspend(|| row.tell());
-        let mut rows = rows.lock().unwrap_or_else(PoisonError::into_inner);
-        rows.push((index, row));
-        bar.set_message(format!("matching: {} frames", rows.len()));
+    let mut first = Some(first);
+    let next = || match first.take() {
+        Some(first) => Ok(Some(first)),
+        None => reading.next(),
+    };
+    let row = |Read { name, job }| {
+        let figures = job.and_then(|job| Figures::of(options, &job.plan, &job.targets, job.images));
+        Row::new(name, Vec::new(), figures)
+    };
+    let done = |count| {
+        bar.set_message(format!("matching: {count} frames"));
         bar.tick();
     };
-    // Without room: a pair is taken when a thread is free.
-    let (jobs, taken) = sync_channel(0);
-    let taken = Arc::new(Mutex::new(taken));
-    thread::scope(|scope| {
-        for _ in 0..options.threads.get() {
-            let (taken, done) = (Arc::clone(&taken), &done);
-            scope.spawn(move || {
-                while let Some((index, name, job)) = next_job(&taken) {
-                    let figures = Figures::of(options, &job.plan, &job.targets, job.images);
-                    done(index, Row::new(name, Vec::new(), figures));
-                }
-            });
-        }
-        // Without a thread that takes them, no job waits for ever.
-        drop(taken);
-        feed(reading, first, jobs, &done)
-    })?;
-    bar.finish_and_clear();
-    let mut rows = rows.into_inner().unwrap_or_else(PoisonError::into_inner);
-    rows.sort_by_key(|(index, _)| *index);
-    Ok(rows.into_iter().map(|(_, row)| row).collect())
-}
-
-type Numbered = (usize, String, Job);
-
-/// Reads frames and gives their pairs to the threads, to the end of the recording.
-fn feed(
-    reading: &mut Reading<'_>,
-    first: Read,
-    jobs: SyncSender<Numbered>,
-    done: &dyn Fn(usize, Row),
-) -> Result<()> {
-    let mut next = Some(first);
-    while let Some(Read { index, name, job }) = next {
-        match job {
-            // They take jobs until there are none.
-            Ok(job) => jobs.send((index, name, job))?,
-            Err(error) => done(index, Row::new(name, Vec::new(), Err(error))),
-        }
-        next = reading.next()?;
-    }
-    Ok(())
-}
-
-fn next_job(jobs: &Mutex<Receiver<Numbered>>) -> Option<Numbered> {
-    let jobs = jobs.lock().unwrap_or_else(PoisonError::into_inner);
-    jobs.recv().ok()
+    batch::rows(options.threads.get(), &bar, next, row, done)
 }

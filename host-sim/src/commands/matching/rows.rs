@@ -14,6 +14,7 @@ use crate::arguments::name_of;
 use crate::escapes::{printable, shown_name};
 use crate::files::{make_folder, write_files};
 use crate::images::{ViewImages, bits_note};
+use crate::link::recorded::Lacking;
 use crate::pair_check::hints;
 use crate::tables::{milliseconds, table};
 use crate::terminal::{Said, note, write_output};
@@ -68,12 +69,7 @@ pub(super) enum Source {
         alone: Vec<String>,
     },
     /// A recording.
-    Recording {
-        /// Number of frames that have no whole pair of views.
-        left_out: u64,
-        /// Up to where it is whole, if not to its end.
-        damage: Option<String>,
-    },
+    Recording(Lacking),
 }
 
 impl Source {
@@ -81,7 +77,7 @@ impl Source {
     fn pair(&self) -> &'static str {
         match self {
             Self::Images { .. } => "pair",
-            Self::Recording { .. } => "frame",
+            Self::Recording(_) => "frame",
         }
     }
 }

@@ -1,6 +1,7 @@
 //! The files that a match writes.
 
-use std::path::{Path, PathBuf};
+use std::collections::HashSet;
+use std::path::{Path, PathBuf, absolute};
 
 use anyhow::{Context, Result, ensure};
 
@@ -14,6 +15,24 @@ pub(super) const OPTIONS: &str =
 
 /// What stands for the name of a pair.
 const PLACE: &str = "{}";
+
+/// The files that are written of some pairs, of which no two are one.
+#[derive(Debug, Default)]
+pub(super) struct Written(HashSet<PathBuf>);
+
+impl Written {
+    /// Adds a file. `pairs` is the word for what writes them.
+    ///
+    /// # Errors
+    /// Fails with one line that names the file when another pair writes it.
+    pub(super) fn add(&mut self, path: &Path, pairs: &str) -> Result<()> {
+        let is_new = self
+            .0
+            .insert(absolute(path).unwrap_or_else(|_| path.to_owned()));
+        ensure!(is_new, "two {pairs} would write {}", shown(path));
+        Ok(())
+    }
+}
 
 /// The files that are written of a pair.
 #[derive(Debug, Clone)]

@@ -15,13 +15,10 @@ use crate::frame::match_frame;
 use crate::images::is_image;
 use crate::link::board::{Board, Frame};
 use crate::link::client::Memory;
-use crate::link::recorded::{Found, Frames, Pair, found, pair};
+use crate::link::recorded::{DENSE, Found, Frames, JUDGED, Pair, found, pair};
 use crate::rectify::rectified;
 use crate::terminal::progress_bar;
 use crate::views::Views;
-
-/// What frames are judged by.
-const NEEDED: &str = "disparities or a pair of views";
 
 /// What a frame has that is judged.
 enum Seen {
@@ -91,11 +88,9 @@ impl Wall {
             Kind::Rectified => format!("{name}, rectified pairs, {count}"),
             Kind::Raw => format!("{name}, raw pairs, {count}"),
         };
-        let mut notes = recorded.lacks(NEEDED);
+        let mut notes = recorded.lacks(JUDGED);
         if gathered.is_dense {
-            let note =
-                "disparities that the board has filled in count as found: it sent no confidences";
-            notes.insert(0, note.to_owned());
+            notes.insert(0, DENSE.to_owned());
         }
         Ok(Judged {
             what,
@@ -132,7 +127,6 @@ impl Wall {
         parameters: Parameters,
         path: &Path,
     ) -> Result<Gathered> {
-        let name = shown(path);
         let bar = progress_bar(self.frames.into(), "frames of the wall");
         let mut gathered: Option<Gathered> = None;
         let count = |gathered: &Option<Gathered>| gathered.as_ref().map_or(0, |g| g.frames.len());
@@ -150,7 +144,7 @@ impl Wall {
                     let matched = recorded
                         .ensure_rectifiable(&pair, is_calibrated, "--calibration")
                         .and_then(|()| self.match_pair(pair, rectification, parameters, path));
-                    matched.with_context(|| format!("{name}: frame {frame}"))?
+                    matched.with_context(|| recorded.place_of(&frame))?
                 }
             };
             let gathered = gathered.get_or_insert_with(|| Gathered {
@@ -161,13 +155,14 @@ impl Wall {
             });
             ensure!(
                 (gathered.size, gathered.kind) == (size, kind),
-                "{name}: frame {frame} is not of the size or the kind of those before"
+                "{} is not of the size or the kind of those before",
+                recorded.place_of(&frame)
             );
             gathered.frames.push(disparities_q4);
             bar.inc(1);
         }
         bar.finish_and_clear();
-        gathered.ok_or_else(|| recorded.none(NEEDED))
+        gathered.ok_or_else(|| recorded.none(JUDGED))
     }
 
     /// Matches a pair of views, and returns its disparities and the size of their view.

@@ -1,0 +1,79 @@
+//! Many pairs on some threads, each of which has one in memory.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::thread;
+
+use anyhow::Result;
+use indicatif::ProgressBar;
+
+use super::rows::Row;
+
+/// The pairs that were not taken yet.
+struct Untaken<N> {
+    /// What gives the next one; `None` after the last and after a failure.
+    next: Option<N>,
+    taken: usize,
+    failed: Result<()>,
+}
+
+/// Takes the pairs that `next` gives until there are none, each thread one at a time, and returns what `row`
+/// makes of them, in their order. A row that tells of an error is told at once; after each, `done` learns
+/// how many there are.
+///
+/// # Errors
+/// Fails as `next` does; no pair is taken after that.
+pub(super) fn rows<T>(
+    threads: usize,
+    bar: &ProgressBar,
+    next: impl FnMut() -> Result<Option<T>> + Send,
+    row: impl Fn(T) -> Row + Sync,
+    done: impl Fn(usize) + Sync,
+) -> Result<Vec<Row>> {
+    let untaken = Mutex::new(Untaken {
+        next: Some(next),
+        taken: 0,
+        failed: Ok(()),
+    });
+    let rows = Mutex::new(Vec::new());
+    let work = || {
+        while let Some((index, pair)) = locked(&untaken).take() {
+            let row = row(pair);
+            bar.suspend(|| row.tell());
+            let mut rows = locked(&rows);
+            rows.push((index, row));
+            done(rows.len());
+        }
+    };
+    thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(work);
+        }
+    });
+    bar.finish_and_clear();
+    let untaken = untaken.into_inner();
+    untaken.unwrap_or_else(PoisonError::into_inner).failed?;
+    let mut rows = rows.into_inner().unwrap_or_else(PoisonError::into_inner);
+    rows.sort_by_key(|(index, _)| *index);
+    Ok(rows.into_iter().map(|(_, row)| row).collect())
+}
+
+impl<T, N: FnMut() -> Result<Option<T>>> Untaken<N> {
+    /// The next pair, and how many were taken before it.
+    fn take(&mut self) -> Option<(usize, T)> {
+        let given = self.next.as_mut()?();
+        let pair = given.unwrap_or_else(|error| {
+            self.failed = Err(error);
+            None
+        });
+        let Some(pair) = pair else {
+            self.next = None;
+            return None;
+        };
+        self.taken += 1;
+        Some((self.taken - 1, pair))
+    }
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
