@@ -14,7 +14,8 @@ use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_core::literal::GreyImage;
 use vgstereo_core::{
-    Config, DisparityLine, DisparityRange, Kernels, Matcher, Output, Parameters, Portable,
+    Config, DisparityLine, DisparityRange, Kernels, Matcher, Method, Output, Parameters, Portable,
+    SgmParameters,
 };
 use vgstereo_firmware::camera::{PixelFormat, RawLine};
 use vgstereo_sim::prepared::Prepared;
@@ -230,6 +231,20 @@ pub fn follow(pair: &mut Pair, range: DisparityRange, seed: u64) {
             }
         }
     }
+}
+
+/// Returns parameters of the SGM method with a change to those of the method.
+///
+/// # Panics
+/// Panics if they are of the paper's method.
+#[must_use]
+pub fn with_sgm(parameters: Parameters, change: impl FnOnce(&mut SgmParameters)) -> Parameters {
+    let mut parameters = parameters;
+    let Method::Sgm(sgm) = &mut parameters.method else {
+        panic!("not the SGM method: {:?}", parameters.method);
+    };
+    change(sgm);
+    parameters
 }
 
 /// Returns the percentage of pixels whose disparity is more than 1 px from the scene's truth,

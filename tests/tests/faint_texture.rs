@@ -1,9 +1,9 @@
 //! Effect of smoothing: surfaces whose texture is faint compared with the noise are matched better.
 
-use vgstereo_core::{Method, Preset};
+use vgstereo_core::Preset;
 use vgstereo_sim::exposure::Exposure;
 use vgstereo_sim::render::{RenderOptions, render};
-use vgstereo_tests::mean_bad_percent;
+use vgstereo_tests::{mean_bad_percent, with_sgm};
 
 /// Percentage of bad pixels on the built-in scene with the preset's smoothing, and without.
 fn smoothed_or_not(preset: Preset, texture: f32) -> [f64; 2] {
@@ -13,10 +13,7 @@ fn smoothed_or_not(preset: Preset, texture: f32) -> [f64; 2] {
         ..RenderOptions::default()
     });
     let smoothed = preset.parameters();
-    let mut as_they_came = smoothed;
-    if let Method::Sgm(aggregation) = &mut as_they_came.method {
-        aggregation.smoothing_step = 0;
-    }
+    let as_they_came = with_sgm(smoothed, |sgm| sgm.smoothing_step = 0);
     [smoothed, as_they_came].map(|parameters| mean_bad_percent(parameters, &scene))
 }
 

@@ -19,9 +19,10 @@ use vgstereo_firmware::camera::PixelFormat;
 use vgstereo_kernels::NativeKernels;
 use vgstereo_sim::exposure::Exposure;
 use vgstereo_sim::frame::match_frame;
+use vgstereo_sim::prepared::Prepared;
 use vgstereo_sim::render::{RenderOptions, render};
 use vgstereo_sim::views::Views;
-use vgstereo_tests::{Map, Pair, follow, oracle};
+use vgstereo_tests::{Map, Pair, follow, oracle, with_sgm};
 
 fn micro() -> SgmParameters {
     match Preset::Micro.parameters().method {
@@ -311,9 +312,7 @@ proptest! {
     fn without_colour_the_luma_is_matched((pair, config) in matching(), format in 0..PixelFormat::ALL.len()) {
         let format = PixelFormat::ALL[format];
         let mut config = config;
-        if let Method::Sgm(aggregation) = &mut config.parameters.method {
-            aggregation.colour = false;
-        }
+        config.parameters = with_sgm(config.parameters, |sgm| sgm.colour = false);
         let mut pair = Pair::random_in(format, pair.width, pair.height, 256, 1);
         follow(&mut pair, config.disparities, 2);
         let luma = |view: &[u8]| {
@@ -460,9 +459,7 @@ fn lines_that_lie_too_low_give_the_bits_of_the_oracle() {
             assert!(found == expected, "{line_offset_px}, {}", kernels.name());
         }
         let mut unmoved = config;
-        if let Method::Sgm(aggregation) = &mut unmoved.parameters.method {
-            aggregation.line_offset_max_q4 = 0;
-        }
+        unmoved.parameters = with_sgm(config.parameters, |sgm| sgm.line_offset_max_q4 = 0);
         let unmoved = pair.stream_with_confidences(&unmoved, NativeKernels::fastest());
         assert!(unmoved != expected, "{line_offset_px}: no line was moved");
     }
@@ -920,20 +917,13 @@ fn stripes(disparities_q4: &[i16], width: usize) -> f64 {
 #[test]
 fn a_vote_over_every_line_leaves_no_stripes() {
     let options = RenderOptions::default();
-    let scene = render(&options);
-    let views = Views::new(scene.left, scene.right, false).unwrap();
+    let scene = Prepared::new(render(&options), false).unwrap();
     for preset in [Preset::Micro, Preset::Balanced] {
         let shares = [Voters::OtherLines, Voters::EveryLine].map(|voters| {
-            let mut parameters = preset.parameters();
-            if let Method::Sgm(sgm) = &mut parameters.method {
+            let parameters = with_sgm(preset.parameters(), |sgm| {
                 sgm.vote.as_mut().unwrap().voters = voters;
-            }
-            let range = DisparityRange::up_to(options.d_max);
-            let config = Config {
-                colour: views.has_colour(),
-                ..Config::new(parameters, options.width as u16, range)
-            };
-            let matched = match_frame(&config, &views, NativeKernels::fastest(), 1).unwrap();
+            });
+            let matched = scene.matched(parameters, Output::Dense, 1).unwrap();
             stripes(&matched.disparities_q4, options.width as usize)
         });
         println!("{preset}: {shares:?}");
@@ -992,10 +982,7 @@ fn with_evidence_a_plain_window_is_less_often_wrong() {
         Preset::Quality,
     ] {
         let wrong = [0, 83].map(|evidence_q8| {
-            let mut parameters = preset.parameters();
-            if let Method::Sgm(sgm) = &mut parameters.method {
-                sgm.evidence_q8 = evidence_q8;
-            }
+            let parameters = with_sgm(preset.parameters(), |sgm| sgm.evidence_q8 = evidence_q8);
             let wrong = (1..=3).map(|seed| {
                 let (views, truth_px) = plain_window(width, height, seed);
                 let range = DisparityRange::up_to(39);

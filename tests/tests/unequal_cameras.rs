@@ -1,12 +1,12 @@
 //! Unequal cameras on the built-in scene: the exposure and the alignment that are learned on the
 //! way make up for most of the difference.
 
-use vgstereo_core::{Method, Preset};
+use vgstereo_core::Preset;
 use vgstereo_sim::exposure::Exposure;
 use vgstereo_sim::render::{RenderOptions, render};
 use vgstereo_sim::scene::Scene;
 use vgstereo_sim::stress::{Kind, Stress};
-use vgstereo_tests::{bad_percent, mean_bad_percent};
+use vgstereo_tests::{bad_percent, mean_bad_percent, with_sgm};
 
 fn exposed(exposure: Exposure) -> Scene {
     render(&RenderOptions {
@@ -81,10 +81,7 @@ fn lines_that_lie_too_low_or_too_high_cost_little() {
         let scene = lowered(line_offset_px);
         for preset in [Preset::Lite, Preset::Micro, Preset::Balanced] {
             let moved = preset.parameters();
-            let mut unmoved = moved;
-            if let Method::Sgm(aggregation) = &mut unmoved.method {
-                aggregation.line_offset_max_q4 = 0;
-            }
+            let unmoved = with_sgm(moved, |sgm| sgm.line_offset_max_q4 = 0);
             let aligned = bad_percent(moved, &aligned);
             let cost = bad_percent(moved, &scene) - aligned;
             let cost_unmoved = bad_percent(unmoved, &scene) - aligned;
@@ -98,6 +95,8 @@ fn lines_that_lie_too_low_or_too_high_cost_little() {
 #[test]
 fn bands_of_light_and_noise_of_rows_cost_little() {
     let undisturbed = exposed(Exposure::EQUAL);
+    let presets = [Preset::Lite, Preset::Micro, Preset::Balanced];
+    let equal = presets.map(|preset| bad_percent(preset.parameters(), &undisturbed));
     for (kind, amount) in [
         (Kind::Bands, 10.0),
         (Kind::Bands, 20.0),
@@ -106,13 +105,10 @@ fn bands_of_light_and_noise_of_rows_cost_little() {
     ] {
         let mut scene = undisturbed.clone();
         Stress { kind, amount }.apply(&mut scene, 1).unwrap();
-        for preset in [Preset::Lite, Preset::Micro, Preset::Balanced] {
+        for (preset, equal) in presets.into_iter().zip(equal) {
             let mending = preset.parameters();
-            let mut unmended = mending;
-            if let Method::Sgm(sgm) = &mut unmended.method {
-                sgm.line_gain_max_q8 = 0;
-            }
-            let most = 1.5 * bad_percent(mending, &undisturbed);
+            let unmended = with_sgm(mending, |sgm| sgm.line_gain_max_q8 = 0);
+            let most = 1.5 * equal;
             let (bad, bad_unmended) = (bad_percent(mending, &scene), bad_percent(unmended, &scene));
             let what = format!("{preset}, {kind:?} {amount}: {bad:.2} of {bad_unmended:.2} %");
             println!("{what}");
@@ -132,10 +128,7 @@ fn strong_noise_costs_less_where_it_is_reckoned_with() {
     noise.apply(&mut scene, 1).unwrap();
     for preset in [Preset::Lite, Preset::Micro, Preset::Balanced] {
         let adapting = preset.parameters();
-        let mut stubborn = adapting;
-        if let Method::Sgm(sgm) = &mut stubborn.method {
-            sgm.usual_difference_max = u8::MAX;
-        }
+        let stubborn = with_sgm(adapting, |sgm| sgm.usual_difference_max = u8::MAX);
         let (bad, bad_stubborn) = (bad_percent(adapting, &scene), bad_percent(stubborn, &scene));
         let what = format!("{preset}: {bad:.2} of {bad_stubborn:.2} %");
         println!("{what}");

@@ -1,12 +1,13 @@
 //! `vgstereo wall` on rendered walls, against figures that are computed here from what the renderer knows.
 
 use vgstereo_core::kernel::SubpixelStep;
-use vgstereo_core::{Config, DisparityRange, INVALID, Method, Output, Parameters, Preset};
+use vgstereo_core::{Config, DisparityRange, INVALID, Output, Parameters, Preset};
 use vgstereo_kernels::NativeKernels;
 use vgstereo_sim::frame::match_frame;
 use vgstereo_sim::render::{RenderOptions, RenderedCameras, render_wall};
 use vgstereo_sim::views::Views;
 use vgstereo_sim::wall::{Figures, Part, measure};
+use vgstereo_tests::with_sgm;
 
 const WIDTH: usize = 240;
 const HEIGHT: usize = 180;
@@ -229,10 +230,8 @@ fn the_finer_step_is_hardly_drawn_to_whole_pixels() {
                 .into_iter()
                 .zip(&mut spreads)
             {
-                let mut parameters = Preset::Micro.parameters();
-                if let Method::Sgm(sgm) = &mut parameters.method {
-                    sgm.subpixel = subpixel;
-                }
+                let micro = Preset::Micro.parameters();
+                let parameters = with_sgm(micro, |sgm| sgm.subpixel = subpixel);
                 let disparities_q4 = matched(&views, parameters);
                 spread.add(&disparities_q4, |x, y| {
                     numerator / truth.depth_mm(&cameras, x, y)
