@@ -113,11 +113,13 @@ pub struct SgmParameters {
     /// With 0, lines are used as they come.
     pub line_offset_max_q4: u8,
     /// Largest gain of single lines of the other view that is mended, 1/256 above 1: dark and bright bands
-    /// of mains light, and noise of rows. 0 leaves the brightness of lines as it came.
+    /// of mains light, and noise of rows. 0 leaves the brightness of lines as it came. The exposures of the
+    /// cameras, from which lines deviate, are learned if `difference_weight_q4` is above 0, else taken for equal.
     pub line_gain_max_q8: u8,
     /// Difference of matched levels up to which their noise is reckoned with by the other parameters alone,
     /// levels. Where they usually differ by more, larger steps are smoothed, differences of levels cost
-    /// less, and steps of the image lower P2 less. At 255, noise changes nothing.
+    /// less, and steps of the image lower P2 less. At 255, noise changes nothing. Noise is learned if
+    /// `difference_weight_q4` is above 0.
     pub usual_difference_max: u8,
     /// P1, the penalty of a step of one disparity along a path.
     pub p1: u8,

@@ -777,9 +777,13 @@ fn find(
             let limits = (a.line_offset_max_q4, support_y);
             alignment.learn(&matches, y, views, &exposure, limits);
         }
-        exposure.learn(&levels_of_matches, channels);
+        // Where levels do not count, their exposure is not learned.
+        if full_weight > 0 {
+            for _ in 0..=i32::from(rehearsal) {
+                exposure.learn(&levels_of_matches, channels);
+            }
+        }
         if rehearsal {
-            exposure.learn(&levels_of_matches, channels);
             found.clear();
             confidences.clear();
             above.clear();
