@@ -6,7 +6,8 @@ use proptest::prelude::*;
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_core::config::{
-    RegionVoteParameters, SpeckleParameters, Support, Voters, WeightedMedianParameters,
+    RegionVoteParameters, RivalParameters, SpeckleParameters, Support, Voters,
+    WeightedMedianParameters,
 };
 use vgstereo_core::disparity::px_to_q4;
 use vgstereo_core::kernel::{SubpixelStep, luma_row};
@@ -50,7 +51,28 @@ fn aggregation() -> impl Strategy<Value = SgmParameters> {
     );
     let penalties = (0_u8..=30, 0_u8..=60, 0_u8..=40, 0_u8..=32);
     let texture_min = prop_oneof![2 => Just(0_u16), 1 => 0_u16..=1500];
-    let checks = (0_u8..=2, -1_i16..=30, texture_min);
+    let rivals = (
+        0_u8..=20,
+        16_u8..=40,
+        0_u8..=255,
+        0_u8..=20,
+        0_u8..=24,
+        0_u8..=16,
+        0_u8..=4,
+    );
+    let rivals = rivals.prop_map(
+        |(reach_px, ratio_q4, slack, rise, run_min_px, spread_px, row_step)| RivalParameters {
+            reach_px,
+            ratio_q4,
+            slack,
+            rise,
+            run_min_px,
+            spread_px,
+            row_step,
+        },
+    );
+    let rivals = proptest::option::of(rivals);
+    let checks = (0_u8..=2, -1_i16..=30, texture_min, rivals);
     let voters = prop_oneof![Just(Voters::OtherLines), Just(Voters::EveryLine)];
     let election = (0_u8..=8, 0_u8..=60);
     let vote = (0_u8..=25, 0_u8..=4, 0_u8..=40, 0_u8..=40, voters, election).prop_map(
@@ -129,6 +151,7 @@ fn aggregation() -> impl Strategy<Value = SgmParameters> {
                     left_right_tolerance_px: checks.0,
                     margin: checks.1,
                     texture_min: checks.2,
+                    rivals: checks.3,
                     speckle: refinement.0,
                     vote: refinement.1,
                     weighted_median: refinement.2,

@@ -10,9 +10,10 @@ mod preset;
 
 pub use checks::{Checks, ChecksError, SpeckleChecks};
 pub use parameters::{
-    MAX_CANDIDATES, MAX_LINE_OFFSET_Q4, MAX_MEDIAN_REACH_PX, MAX_SIGMA_PX, MAX_SYNAPSES, Method,
-    Parameters, RecallParameters, RegionVoteParameters, SYNAPSE_STEP, SgmParameters,
-    SpeckleParameters, Support, SynapseError, Voters, WeightedMedianParameters,
+    MAX_CANDIDATES, MAX_LINE_OFFSET_Q4, MAX_MEDIAN_REACH_PX, MAX_RIVAL_REACH_PX, MAX_SIGMA_PX,
+    MAX_SYNAPSES, Method, Parameters, RecallParameters, RegionVoteParameters, RivalParameters,
+    SYNAPSE_STEP, SgmParameters, SpeckleParameters, Support, SynapseError, Voters,
+    WeightedMedianParameters,
 };
 pub use preset::{DEFAULT_SEED, Preset, UnknownPreset};
 

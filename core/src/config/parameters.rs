@@ -20,6 +20,9 @@ pub const MAX_CANDIDATES: u8 = 16;
 /// Largest reach of the paper's median, px.
 pub const MAX_MEDIAN_REACH_PX: u8 = 63;
 
+/// Largest reach of [`RivalParameters`], px: 65 costs of at most 254 fit 16 bits.
+pub const MAX_RIVAL_REACH_PX: u8 = 64;
+
 /// Largest offset between the lines of the two views that is corrected, 1/16 line.
 pub const MAX_LINE_OFFSET_Q4: u8 = 16;
 
@@ -139,12 +142,41 @@ pub struct SgmParameters {
     /// Smallest texture of a pixel that is not in doubt: the sum of the absolute steps of grey
     /// along the line over the reach of the synapses, levels. 0 asks for none.
     pub texture_min: u16,
+    /// Doubt where a second disparity fits about as well; `None` leaves it out.
+    pub rivals: Option<RivalParameters>,
     /// Rejection of small regions; `None` leaves it out.
     pub speckle: Option<SpeckleParameters>,
     /// Cross-based vote on pixels that were rejected or are in doubt; `None` leaves it out.
     pub vote: Option<RegionVoteParameters>,
     /// Weighted median, between two medians of 3 x 3; without it there is one of 3 x 3.
     pub weighted_median: Option<WeightedMedianParameters>,
+}
+
+/// Parameters of the doubt where a second disparity fits about as well as the best.
+///
+/// For each disparity, the matching costs of every second pixel of a window along the line are summed up.
+/// If the disparities are no multiple of four, the last ones are left out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct RivalParameters {
+    /// Reach of the window to either side, px, at most [`MAX_RIVAL_REACH_PX`].
+    pub reach_px: u8,
+    /// The sum of a rival is less than the least sum times this, 1/16, plus `slack`.
+    pub ratio_q4: u8,
+    /// What is added to that bound.
+    pub slack: u8,
+    /// Between the least sum and its rival there is a sum above that bound by at least this per pixel that
+    /// was summed up.
+    pub rise: u8,
+    /// Shorter runs of pixels with rivals are taken for chance, px.
+    pub run_min_px: u8,
+    /// Pixels up to this far from a run are in doubt, too, px.
+    pub spread_px: u8,
+    /// Every so many rows are searched for rivals; those between have the doubts of the row above. 0 is
+    /// taken for 1.
+    pub row_step: u8,
 }
 
 /// Parameters of the speckle removal.
@@ -335,7 +367,11 @@ impl SgmParameters {
             }
             None => true,
         };
-        speckle && vote && median && self.kept_cells_q8 > 0
+        let rivals = match &self.rivals {
+            Some(rivals) => rivals.reach_px <= MAX_RIVAL_REACH_PX,
+            None => true,
+        };
+        rivals && speckle && vote && median && self.kept_cells_q8 > 0
     }
 
     /// Whether the lines of the other view are moved to where those of the reference view lie.

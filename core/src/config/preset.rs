@@ -5,8 +5,8 @@ use core::num::NonZeroU8;
 use core::str::FromStr;
 
 use super::parameters::{
-    Method, Parameters, RecallParameters, RegionVoteParameters, SgmParameters, SpeckleParameters,
-    Support, Voters, WeightedMedianParameters,
+    Method, Parameters, RecallParameters, RegionVoteParameters, RivalParameters, SgmParameters,
+    SpeckleParameters, Support, Voters, WeightedMedianParameters,
 };
 use crate::kernel::{SubpixelStep, TieBreak};
 
@@ -157,6 +157,15 @@ const SGM: SgmParameters = SgmParameters {
     left_right_tolerance_px: 1,
     margin: 24,
     texture_min: 0,
+    rivals: Some(RivalParameters {
+        reach_px: 16,
+        ratio_q4: 20,
+        slack: 8,
+        rise: 17,
+        run_min_px: 12,
+        spread_px: 28,
+        row_step: 3,
+    }),
     speckle: None,
     vote: None,
     weighted_median: None,

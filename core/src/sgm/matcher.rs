@@ -11,6 +11,7 @@ use super::line_gain::LineGain;
 use super::masks::{RowMasks, SgmMasks, block_first};
 use super::penalties::write_penalties;
 use super::plan::SgmPlan;
+use super::rivals::Rivals;
 use crate::config::{Config, ConfigError, SgmParameters};
 use crate::disparity::STEPS_PER_PX;
 use crate::kernel::{
@@ -54,6 +55,7 @@ pub struct SgmMatcher<'m, K, M = SgmMasks<'m, K>> {
     margins: &'m mut [i16],
     found: &'m mut [i16],
     confidences: &'m mut [u8],
+    rivals: Option<Rivals<'m>>,
     parameters: SgmParameters,
     config: Config,
     plan: SgmPlan,
@@ -137,6 +139,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         let plan = SgmPlan::new(config, sgm);
         let synapses = usize::from(config.parameters.synapses);
         let (width, stride) = (plan.width, plan.stride);
+        let disparities = config.disparities.count.into();
         Ok(Self {
             kernels,
             sampler: Sampler::new(config, arena)?,
@@ -164,6 +167,10 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
             margins: arena.take(width)?,
             found: arena.take(width)?,
             confidences: arena.take(width)?,
+            rivals: match sgm.rivals {
+                Some(rivals) => Some(Rivals::new(width, disparities, rivals, arena)?),
+                None => None,
+            },
             parameters: *sgm,
             config: *config,
             plan,
@@ -293,6 +300,10 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         }
         self.match_levels_and_patterns(line, is_first);
         self.check(line);
+        // Last, so that exposure and alignment are learned from these pixels as well.
+        if let Some(rivals) = &self.rivals {
+            rivals.doubt(self.confidences);
+        }
     }
 
     /// Matches the first row by its patterns alone, because the exposure is not known yet. From its
@@ -312,6 +323,12 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         self.convert_levels(line, &mut inputs);
         self.compute_costs(line, inputs);
         self.from_right = scratch;
+        if let Some(rivals) = &mut self.rivals {
+            if is_first {
+                rivals.reset();
+            }
+            rivals.observe(self.costs, self.plan.stride);
+        }
         self.aggregate(line, is_first);
     }
 

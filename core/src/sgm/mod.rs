@@ -30,6 +30,7 @@ mod penalties;
 mod plan;
 mod refine;
 mod region_vote;
+mod rivals;
 mod speckle;
 mod surroundings;
 

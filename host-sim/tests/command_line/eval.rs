@@ -261,8 +261,49 @@ fn seeds_are_reported_together() {
             );
             let mean = averages.iter().sum::<f64>() / 3.0;
             assert!((spread["mean"].as_f64().unwrap() - mean).abs() < 1e-9);
+            // Of three numbers, the mean square of the differences of two is twice the variance.
+            let [a, b, c] = averages;
+            let squares = (a - b).powi(2) + (b - c).powi(2) + (c - a).powi(2);
+            let deviation = spread["deviation"].as_f64().unwrap();
+            assert!((deviation - (squares / 6.0).sqrt()).abs() < 1e-9);
         }
     }
+}
+
+/// The tenths are of all scenes together: their mean is the share of bad ones of all that was found.
+#[test]
+fn bad_disparities_are_told_by_confidence() {
+    let fixture = two_scenes();
+    let arguments = [
+        "eval",
+        "set",
+        "--preset",
+        "micro",
+        "--sparse",
+        "--by-confidence",
+    ];
+    let outcome = fixture.run(&arguments);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    assert!(
+        outcome
+            .stdout
+            .contains("from the least confident to the most")
+    );
+    let outcome = fixture.run(&[&arguments[..], &["--json"]].concat());
+    let report: serde_json::Value = serde_json::from_str(&outcome.stdout).unwrap();
+    let tenths = report["presets"][0]["tenths"].as_array().unwrap();
+    let tenths: Vec<f64> = tenths.iter().map(|bad| bad.as_f64().unwrap()).collect();
+    assert_eq!(tenths.len(), 10);
+    let mean = tenths.iter().sum::<f64>() / 10.0;
+    let scenes = report["presets"][0]["scenes"].as_array().unwrap();
+    let bad: Vec<f64> = scenes
+        .iter()
+        .map(|scene| scene["nonocc"].as_f64().unwrap())
+        .collect();
+    let [least, most] = [f64::min, f64::max].map(|pick| bad.iter().copied().reduce(pick).unwrap());
+    assert!((least..=most).contains(&mean), "{mean} of {bad:?}");
+    let outcome = fixture.run(&["eval", "set", "--json", "--preset", "micro"]);
+    assert!(!outcome.stdout.contains("tenths"));
 }
 
 /// What only one view sees is filled in, or left out when asked for.

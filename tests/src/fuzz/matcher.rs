@@ -4,7 +4,8 @@ use std::num::NonZeroU8;
 
 use arbitrary::{Arbitrary, Result, Unstructured};
 use vgstereo_core::config::{
-    RegionVoteParameters, SpeckleParameters, Support, Voters, WeightedMedianParameters,
+    RegionVoteParameters, RivalParameters, SpeckleParameters, Support, Voters,
+    WeightedMedianParameters,
 };
 use vgstereo_core::kernel::{SubpixelStep, TieBreak};
 use vgstereo_core::{
@@ -151,6 +152,19 @@ fn sgm_parameters(u: &mut Unstructured<'_>) -> Result<SgmParameters> {
         left_right_tolerance_px: u.arbitrary()?,
         margin: u.arbitrary()?,
         texture_min: u.arbitrary()?,
+        rivals: if u.arbitrary()? {
+            Some(RivalParameters {
+                reach_px: u.int_in_range(0..=32)?,
+                ratio_q4: u.arbitrary()?,
+                slack: u.arbitrary()?,
+                rise: u.arbitrary()?,
+                run_min_px: u.arbitrary()?,
+                spread_px: u.arbitrary()?,
+                row_step: u.arbitrary()?,
+            })
+        } else {
+            None
+        },
         speckle: if u.arbitrary()? {
             Some(SpeckleParameters {
                 size_min: u.arbitrary()?,

@@ -6,7 +6,7 @@
 
 use std::collections::HashSet;
 
-use vgstereo_core::config::{SpeckleParameters, Voters};
+use vgstereo_core::config::{RivalParameters, SpeckleParameters, Voters};
 use vgstereo_core::kernel::{channel_row, luma_row};
 use vgstereo_core::pattern::StoredOffset;
 use vgstereo_core::{Config, INVALID, Method, Output, Reference, SgmParameters};
@@ -571,6 +571,7 @@ fn find(
     let mut found = Vec::new();
     let mut confidences = Vec::new();
     let mut above: Vec<Vec<i32>> = Vec::new();
+    let mut doubts = vec![false; width as usize];
     let mut exposure = Exposure {
         gain: [4096; 3],
         offset: [0; 3],
@@ -684,6 +685,11 @@ fn find(
             }
             costs.push(line);
         }
+        if let Some(rivals) = &a.rivals
+            && y % i32::from(rivals.row_step.max(1)) == 0
+        {
+            doubts = rival_doubts(&costs, rivals);
+        }
         let penalty = |x: i32, from: (i32, i32)| {
             let step = (reference.grey(x, y) - reference.grey(from.0, from.1)).abs();
             let step = (step - 3 * noise / 2).max(0);
@@ -754,7 +760,7 @@ fn find(
                 (true, false) => !refined,
                 (false, _) => INVALID.into(),
             });
-            confidences.push(if agrees && clear {
+            confidences.push(if agrees && clear && !doubts[x as usize] {
                 margin.clamp(1, 255) as u8
             } else {
                 0
@@ -790,6 +796,49 @@ fn find(
         }
     }
     (found, confidences)
+}
+
+/// Which pixels of a row are in doubt because a second disparity fits about as well.
+fn rival_doubts(costs: &[Vec<i32>], rivals: &RivalParameters) -> Vec<bool> {
+    let (width, reach) = (costs.len() as i32, i32::from(rivals.reach_px));
+    let marked: Vec<bool> = (0..width)
+        .step_by(4)
+        .map(|first| {
+            let window: Vec<&Vec<i32>> = (first + 2 - reach..=first + 2 + reach)
+                .filter(|x| (0..width).contains(x) && x % 2 == 0)
+                .map(|x| &costs[x as usize])
+                .collect();
+            // Disparities are searched by fours.
+            let sums: Vec<i32> = (0..costs[0].len() / 4 * 4)
+                .map(|j| window.iter().map(|costs| costs[j]).sum())
+                .collect();
+            let Some(&least) = sums.iter().min() else {
+                return false;
+            };
+            let best = sums.iter().position(|&sum| sum == least).unwrap();
+            let limit = least * i32::from(rivals.ratio_q4) / 16 + i32::from(rivals.slack);
+            let wall = limit + i32::from(rivals.rise) * window.len() as i32;
+            (0..sums.len()).any(|rival| {
+                let between = best.min(rival)..=best.max(rival);
+                let is_apart = sums[between].iter().any(|&sum| sum >= wall);
+                sums[rival] < limit && is_apart
+            })
+        })
+        .collect();
+    let blocks = marked.len() as i32;
+    let is_marked = |block: i32| (0..blocks).contains(&block) && marked[block as usize];
+    let run = |block: i32| {
+        let below = (0..block).rev().take_while(|&block| is_marked(block));
+        let above = (block..blocks).take_while(|&block| is_marked(block));
+        below.count() + above.count()
+    };
+    let run_min = usize::from(rivals.run_min_px).div_ceil(4);
+    let spread = i32::from(rivals.spread_px) / 4;
+    let is_in_doubt = |x: i32| {
+        let mut near = x / 4 - spread..=x / 4 + spread;
+        near.any(|block| is_marked(block) && run(block) >= run_min)
+    };
+    (0..width).map(is_in_doubt).collect()
 }
 
 /// The largest cost of a pattern whose cells that are 1 cost this much together, 1/256.

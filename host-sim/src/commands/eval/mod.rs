@@ -25,7 +25,7 @@ use crate::prepared::Prepared;
 use crate::scene::GroundTruth;
 use crate::terminal::{note, progress_bar};
 use compare::{Ranked, ensure_comparable, ensure_has_masks, rank, ranking_table};
-use report::{Cost, PresetReport, SceneReport, results_table};
+use report::{Cost, Gathered, PresetReport, SceneReport, results_table, tenths_table};
 use spread::SpreadReport;
 
 mod compare;
@@ -84,6 +84,10 @@ pub struct Eval {
     /// the share of pixels without one.
     #[arg(long)]
     sparse: bool,
+    /// Also tell how many of the disparities found are bad in each tenth of them, from the least
+    /// confident to the most, over all scenes.
+    #[arg(long, conflicts_with = "seeds")]
+    by_confidence: bool,
     /// Also rank the presets among published results on Middlebury v2: tsukuba, venus, teddy
     /// and cones must be among the scenes, with their masks.
     #[arg(long, conflicts_with_all = ["seeds", "sparse"])]
@@ -213,7 +217,7 @@ impl Eval {
             .flat_map(|&seed| presets.iter().map(move |&preset| (seed, preset)))
             .collect();
         let bar = progress_bar((runs.len() * folders.len()) as u64, "matching");
-        let mut reports: Vec<Vec<SceneReport>> = runs.iter().map(|_| Vec::new()).collect();
+        let mut gathered: Vec<Gathered> = runs.iter().map(|_| Gathered::NONE).collect();
         // Scenes are the outer loop, so that one of them is in memory at a time.
         for (folder, name) in folders.iter().zip(distinct_names(folders)) {
             let mut prepared = self.load(folder)?;
@@ -221,12 +225,12 @@ impl Eval {
                 bar.suspend(|| note(&format!("{}: {}", shown_name(&name), bits_note(bits))));
             }
             prepared.scene.name = name;
-            for (&(seed, preset), reports) in runs.iter().zip(&mut reports) {
+            for (&(seed, preset), gathered) in runs.iter().zip(&mut gathered) {
                 let overrides = Overrides {
                     seed,
                     ..self.overrides.clone()
                 };
-                reports.push(self.measure(&prepared, preset, &overrides)?);
+                self.measure(&prepared, preset, &overrides, gathered)?;
                 bar.inc(1);
             }
         }
@@ -239,8 +243,8 @@ impl Eval {
         let mut reports = names
             .iter()
             .cycle()
-            .zip(reports)
-            .map(|(name, scenes)| PresetReport::new(name, scenes));
+            .zip(gathered)
+            .map(|(name, gathered)| PresetReport::new(name, gathered, self.by_confidence));
         let by_seed = seeds
             .iter()
             .map(|_| reports.by_ref().take(presets.len()).collect());
@@ -269,14 +273,15 @@ impl Eval {
         Ok(prepared)
     }
 
-    /// Matches one scene with one preset, writes its pictures if they are wanted, and returns
-    /// its figures.
+    /// Matches one scene with one preset, writes its pictures if they are wanted, and adds its figures to
+    /// those gathered.
     fn measure(
         &self,
         prepared: &Prepared,
         preset: Preset,
         overrides: &Overrides,
-    ) -> Result<SceneReport> {
+        gathered: &mut Gathered,
+    ) -> Result<()> {
         let output = output_of(self.sparse);
         let matched = prepared.matched(overrides.apply(preset)?, output, self.threads.get())?;
         let bad = prepared.measure(&matched, self.threshold, self.sparse)?;
@@ -288,9 +293,16 @@ impl Eval {
             self.write_pictures(&paths, map, width, disparities, scene.truth.as_ref())?;
         }
         let scene = &prepared.scene;
+        if let Some(truth) = &scene.truth {
+            let (disparities_q4, confidences) = (&matched.disparities_q4, &matched.confidences);
+            let counts = &mut gathered.by_confidence;
+            counts.count(disparities_q4, confidences, truth, self.threshold);
+        }
         let cost = Some(Cost::of(&matched));
         let size = scene.left.dimensions();
-        Ok(SceneReport::new(&scene.name, size, scene.d_max, &bad, cost))
+        let report = SceneReport::new(&scene.name, size, scene.d_max, &bad, cost);
+        gathered.scenes.push(report);
+        Ok(())
     }
 
     /// Writes pictures of disparities, 1/16 px, in lines of `width` px, and of their errors.
@@ -327,7 +339,8 @@ impl Eval {
             return Ok(serde_json::to_string(&report)? + "\n");
         }
         let ranking = comparison.map_or_else(String::new, |ranking| ranking_table(&ranking));
-        Ok(results_table(presets, self.threshold, self.sparse) + &ranking)
+        let results = results_table(presets, self.threshold, self.sparse);
+        Ok(results + &tenths_table(presets) + &ranking)
     }
 
     /// Returns the table or the JSON of several seeds.

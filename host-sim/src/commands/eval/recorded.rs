@@ -6,7 +6,7 @@ use anyhow::{Context, Result, ensure};
 use vgstereo_core::{DisparityRange, Preset};
 
 use super::Eval;
-use super::report::{PresetReport, SceneReport};
+use super::report::{Gathered, PresetReport, SceneReport};
 use crate::arguments::name_of;
 use crate::dataset::{KnownScene, scene_files};
 use crate::escapes::shown;
@@ -45,10 +45,10 @@ struct Judging<'a> {
     known: KnownScene,
     /// The files that are read.
     inputs: Vec<PathBuf>,
-    /// The reports of what the board has found.
-    board: Vec<SceneReport>,
+    /// The figures of what the board has found.
+    board: Gathered,
     /// Those of each preset.
-    presets: Vec<(Preset, Vec<SceneReport>)>,
+    presets: Vec<(Preset, Gathered)>,
     /// Whether filled in disparities could not be told from those found.
     is_dense: bool,
 }
@@ -69,8 +69,11 @@ impl Eval {
             eval: self,
             known: KnownScene::load(folder)?,
             inputs,
-            board: Vec::new(),
-            presets: presets.iter().map(|&preset| (preset, vec![])).collect(),
+            board: Gathered::NONE,
+            presets: presets
+                .iter()
+                .map(|&preset| (preset, Gathered::NONE))
+                .collect(),
             is_dense: false,
         };
         let mut memory = Memory::default();
@@ -100,7 +103,10 @@ impl Judging<'_> {
     /// The reports of all frames, without presets that nothing was matched with.
     fn gathered(self) -> Result<Vec<PresetReport>> {
         let eval = self.eval;
-        let is_matched = self.presets.iter().any(|(_, frames)| !frames.is_empty());
+        let is_matched = self
+            .presets
+            .iter()
+            .any(|(_, frames)| !frames.scenes.is_empty());
         ensure!(
             is_matched || eval.preset.is_empty(),
             "{}: --preset: it has no pair of views to match",
@@ -110,13 +116,15 @@ impl Judging<'_> {
             note(DENSE);
         }
         let mut gathered = Vec::new();
-        if !self.board.is_empty() {
-            gathered.push(PresetReport::new(BOARD, self.board));
+        let has_tenths = eval.by_confidence;
+        if !self.board.scenes.is_empty() {
+            gathered.push(PresetReport::new(BOARD, self.board, has_tenths));
         }
         for (preset, frames) in self.presets {
-            if !frames.is_empty() {
+            if !frames.scenes.is_empty() {
                 let parameters = eval.overrides.apply(preset)?;
-                gathered.push(PresetReport::new(&name_of(&parameters, preset), frames));
+                let name = name_of(&parameters, preset);
+                gathered.push(PresetReport::new(&name, frames, has_tenths));
             }
         }
         Ok(gathered)
@@ -127,8 +135,7 @@ impl Judging<'_> {
         let is_matched = seen.found.is_none() || !self.eval.preset.is_empty();
         if let Some(found) = seen.found {
             let d_max = frames.d_max_px().and_then(|px| u16::try_from(px).ok());
-            let report = self.judge_found(name, d_max.unwrap_or(self.known.d_max()), &found)?;
-            self.board.push(report);
+            self.judge_found(name, d_max.unwrap_or(self.known.d_max()), &found)?;
             self.is_dense |= found.confidences.is_none();
         }
         let Some(pair) = seen.pair.filter(|_| is_matched) else {
@@ -137,16 +144,16 @@ impl Judging<'_> {
         frames.ensure_rectifiable(&pair, self.eval.calibrated, "--calibrated")?;
         let prepared = self.prepared(name, pair)?;
         for at in 0..self.presets.len() {
-            let preset = self.presets[at].0;
+            let (eval, preset) = (self.eval, self.presets[at].0);
             self.pictures(name, preset.name())?;
-            let report = self.eval.measure(&prepared, preset, &self.eval.overrides)?;
-            self.presets[at].1.push(report);
+            let gathered = &mut self.presets[at].1;
+            eval.measure(&prepared, preset, &eval.overrides, gathered)?;
         }
         Ok(())
     }
 
     /// Judges what the board has found.
-    fn judge_found(&self, name: &str, d_max: u16, found: &Found) -> Result<SceneReport> {
+    fn judge_found(&mut self, name: &str, d_max: u16, found: &Found) -> Result<()> {
         let (eval, truth) = (self.eval, &self.known.truth);
         let [width, height] = found.size;
         self.ensure_as_large((width, height))?;
@@ -157,7 +164,13 @@ impl Judging<'_> {
             let range = DisparityRange::up_to(d_max);
             eval.write_pictures(&paths, disparities_q4, width, range, Some(truth))?;
         }
-        Ok(SceneReport::new(name, (width, height), d_max, &bad, None))
+        if let Some(confidences) = &found.confidences {
+            let counts = &mut self.board.by_confidence;
+            counts.count(&found.disparities_q4, confidences, truth, eval.threshold);
+        }
+        let report = SceneReport::new(name, (width, height), d_max, &bad, None);
+        self.board.scenes.push(report);
+        Ok(())
     }
 
     /// A pair as a scene with the truth, rectified where it is not.

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use crate::escapes::shown_name;
 use crate::frame::Matched;
-use crate::metrics::{BadPixels, mean};
+use crate::metrics::{BadPixels, ByConfidence, mean};
 use crate::published::{PAPER, SCENES};
 use crate::tables::{kib, percent, table};
 
@@ -15,8 +15,27 @@ pub(super) struct PresetReport {
     pub(super) preset: String,
     /// The mean of the scenes' averages, percent.
     pub(super) average: Option<f64>,
+    /// The bad ones of the disparities found, percent, in each tenth of them over all scenes, from the least
+    /// confident to the most.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) tenths: Option<[f64; 10]>,
     /// The figures of each scene, in the order of the scenes.
     pub(super) scenes: Vec<SceneReport>,
+}
+
+/// What is gathered of one preset, scene by scene.
+#[derive(Debug)]
+pub(super) struct Gathered {
+    pub(super) scenes: Vec<SceneReport>,
+    pub(super) by_confidence: ByConfidence,
+}
+
+impl Gathered {
+    /// Before any scene.
+    pub(super) const NONE: Self = Self {
+        scenes: Vec::new(),
+        by_confidence: ByConfidence::NONE,
+    };
 }
 
 /// The figures of one preset on one scene, or on one frame of a recording. Bad pixels are in percent; a
@@ -93,11 +112,13 @@ impl Cost {
 }
 
 impl PresetReport {
-    /// Gathers the figures of one preset on all scenes.
-    pub(super) fn new(preset: &str, scenes: Vec<SceneReport>) -> Self {
+    /// The figures of one preset, by confidence too if `has_tenths` is set.
+    pub(super) fn new(preset: &str, gathered: Gathered, has_tenths: bool) -> Self {
+        let scenes = gathered.scenes;
         Self {
             preset: preset.to_owned(),
             average: mean(scenes.iter().filter_map(|scene| scene.average)),
+            tenths: gathered.by_confidence.tenths().filter(|_| has_tenths),
             scenes,
         }
     }
@@ -158,6 +179,26 @@ pub(super) fn results_table(presets: &[PresetReport], threshold_px: f32, sparse:
     };
     format!(
         "{table}\nbad pixels in percent, further than {threshold_px} px from the truth{among}{note}\n"
+    )
+}
+
+/// Returns the table of the bad disparities by confidence, with a line below it that explains the figures;
+/// nothing if no preset has any.
+pub(super) fn tenths_table(presets: &[PresetReport]) -> String {
+    if presets.iter().all(|preset| preset.tenths.is_none()) {
+        return String::new();
+    }
+    let header = ["preset", "1", "2", "3", "4", "5", "6", "7", "8", "9", "10"];
+    let mut table = table(&header, 1);
+    for preset in presets {
+        let mut row = vec![preset.preset.clone()];
+        let tenths = preset.tenths.into_iter().flatten();
+        row.extend(tenths.map(|bad| percent(Some(bad))));
+        table.add_row(row);
+    }
+    format!(
+        "{table}\nbad pixels in percent of the disparities found, in each tenth of them from the least confident to the \
+         most\n"
     )
 }
 

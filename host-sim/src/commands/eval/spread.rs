@@ -1,4 +1,4 @@
-//! The spread of the averages over several seeds: mean, smallest and largest.
+//! The spread of the averages over several seeds: mean, standard deviation, smallest and largest.
 
 use serde::Serialize;
 
@@ -33,6 +33,8 @@ struct SceneSpread {
 #[derive(Debug, Serialize)]
 struct Spread {
     mean: Option<f64>,
+    /// The standard deviation that these seeds let expect of all; `None` of a single one.
+    deviation: Option<f64>,
     smallest: Option<f64>,
     largest: Option<f64>,
 }
@@ -41,8 +43,17 @@ impl Spread {
     /// Gathers the averages of all seeds.
     fn new(averages: impl Iterator<Item = Option<f64>>) -> Self {
         let averages: Vec<f64> = averages.flatten().collect();
+        let centre = mean(averages.iter().copied());
+        let squares = centre.map(|centre| {
+            let squares = averages.iter().map(|average| (average - centre).powi(2));
+            squares.sum::<f64>()
+        });
+        let others = averages.len().saturating_sub(1);
         Self {
-            mean: mean(averages.iter().copied()),
+            mean: centre,
+            deviation: squares
+                .filter(|_| others > 0)
+                .map(|squares| (squares / others as f64).sqrt()),
             smallest: averages.iter().copied().reduce(f64::min),
             largest: averages.iter().copied().reduce(f64::max),
         }
@@ -81,7 +92,15 @@ impl SpreadReport {
     /// Returns the table of all presets and scenes, and a line below it that explains the
     /// figures.
     pub(super) fn table(&self, threshold_px: f32) -> String {
-        let mut table = table(&["preset", "scene", "mean", "smallest", "largest"], 2);
+        let header = [
+            "preset",
+            "scene",
+            "mean",
+            "deviation",
+            "smallest",
+            "largest",
+        ];
+        let mut table = table(&header, 2);
         for preset in &self.presets {
             let scenes = preset.scenes.iter().map(|s| (s.scene.as_str(), &s.spread));
             for (name, spread) in scenes.chain([("average", &preset.average)]) {
@@ -89,6 +108,7 @@ impl SpreadReport {
                     preset.preset.clone(),
                     shown_name(name),
                     percent(spread.mean),
+                    percent(spread.deviation),
                     percent(spread.smallest),
                     percent(spread.largest),
                 ]);
