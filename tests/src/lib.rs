@@ -14,10 +14,11 @@ use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_core::literal::GreyImage;
 use vgstereo_core::{
-    Config, DisparityLine, DisparityRange, Kernels, Matcher, Method, Output, Parameters, Portable,
-    SgmParameters,
+    Config, DisparityLine, DisparityRange, INVALID, Kernels, Matcher, Method, Output, Parameters,
+    Portable, SgmParameters,
 };
 use vgstereo_firmware::camera::{PixelFormat, RawLine};
+use vgstereo_sim::metrics::is_bad;
 use vgstereo_sim::prepared::Prepared;
 use vgstereo_sim::scene::Scene;
 use vgstereo_sim::views::{ViewLine, Views};
@@ -245,6 +246,44 @@ pub fn with_sgm(parameters: Parameters, change: impl FnOnce(&mut SgmParameters))
     };
     change(sgm);
     parameters
+}
+
+/// What of the pixels that are not occluded was found, percent.
+#[derive(Debug, Clone, Copy)]
+pub struct Found {
+    /// What is right.
+    pub right: f64,
+    /// What is further from the truth than a threshold.
+    pub wrong: f64,
+}
+
+/// Matches a scene and returns what is left of its disparities when those that were filled in are left out.
+/// Those further than `threshold_px` from the truth are wrong.
+///
+/// # Panics
+/// Panics if the scene has no ground truth, or cannot be matched with these parameters.
+#[must_use]
+pub fn found_percent(prepared: &Prepared, parameters: Parameters, threshold_px: f32) -> Found {
+    let matched = prepared.matched(parameters, Output::Sparse, 2).unwrap();
+    let truth = prepared.scene.truth.as_ref().unwrap();
+    let inside = truth.nonocc.as_ref().or(truth.all.as_ref()).unwrap();
+    let (mut pixels, mut right, mut wrong) = (0_u32, 0_u32, 0_u32);
+    let map = matched.disparities_q4.iter().zip(&truth.left_px);
+    for ((&found_q4, &known_px), &is_inside) in map.zip(inside.iter()) {
+        if !is_inside || known_px.is_nan() {
+            continue;
+        }
+        pixels += 1;
+        if found_q4 != INVALID {
+            let is_wrong = is_bad(found_q4, known_px, threshold_px);
+            *(if is_wrong { &mut wrong } else { &mut right }) += 1;
+        }
+    }
+    let percent = |part: u32| 100.0 * f64::from(part) / f64::from(pixels);
+    Found {
+        right: percent(right),
+        wrong: percent(wrong),
+    }
 }
 
 /// Returns the percentage of pixels whose disparity is more than 1 px from the scene's truth,

@@ -6,9 +6,11 @@
 use std::path::{Path, PathBuf};
 
 use libtest_mimic::{Arguments, Failed, Trial};
-use vgstereo_core::Preset;
+use vgstereo_core::{Output, Preset};
 use vgstereo_sim::dataset::load_scene;
-use vgstereo_tests::bad_percent_beyond;
+use vgstereo_sim::metrics::ByConfidence;
+use vgstereo_sim::prepared::Prepared;
+use vgstereo_tests::{bad_percent_beyond, found_percent, with_sgm};
 
 /// Scenes, and the largest percentage of bad pixels, averaged over the three masks, with the preset
 /// `paper`. The bounds are the paper's own figures, with some allowance because its tables differ.
@@ -82,7 +84,90 @@ fn main() {
             move |folder| within(mean(folder, &KITTI, preset, false, 3.0)?, 0.0, largest),
         ));
     }
+    for preset in [
+        Preset::Lite,
+        Preset::Micro,
+        Preset::Balanced,
+        Preset::Quality,
+    ] {
+        trials.push(trial(
+            "MIDDLEBURY_DIR",
+            format!("middlebury::{preset}::doubt"),
+            move |folder| {
+                little_is_lost(
+                    folder,
+                    &MIDDLEBURY.map(|(scene, _)| scene),
+                    preset,
+                    1.0,
+                    1.0,
+                )
+            },
+        ));
+        trials.push(trial(
+            "KITTI_DIR",
+            format!("kitti::{preset}::doubt"),
+            move |folder| little_is_lost(folder, &KITTI, preset, 3.0, 2.0),
+        ));
+        trials.push(trial(
+            "KITTI_DIR",
+            format!("kitti::{preset}::confidence"),
+            move |folder| the_confident_are_right(folder, preset),
+        ));
+    }
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
+}
+
+/// Checks that doubt where a second disparity fits takes at most this share, percent, of what is found and
+/// right, and that it takes less of that than of what is wrong.
+fn little_is_lost(
+    folder: &Path,
+    scenes: &[&str],
+    preset: Preset,
+    threshold_px: f32,
+    largest: f64,
+) -> Result<(), Failed> {
+    let parameters = preset.parameters();
+    let without = with_sgm(parameters, |sgm| sgm.rivals = None);
+    let mut sums = [[0.0; 2]; 2];
+    for scene in scenes {
+        let prepared = prepared(&folder.join(scene))?;
+        for (sums, parameters) in sums.iter_mut().zip([parameters, without]) {
+            let found = found_percent(&prepared, parameters, threshold_px);
+            sums[0] += found.right;
+            sums[1] += found.wrong;
+        }
+    }
+    let [found, before] = sums;
+    let [right, wrong] = [0, 1].map(|index| 100.0 * (1.0 - found[index] / before[index]));
+    println!("of the right ones {right:.2} % are lost, of the wrong ones {wrong:.2} %");
+    if wrong <= right {
+        return Err(format!("{wrong:.2} % of the wrong ones").into());
+    }
+    within(right, 0.0, largest)
+}
+
+/// Checks that the more confident disparities are the right ones: in each tenth of them fewer are wrong than
+/// in the one before.
+fn the_confident_are_right(folder: &Path, preset: Preset) -> Result<(), Failed> {
+    let mut counts = ByConfidence::NONE;
+    for scene in KITTI {
+        let prepared = prepared(&folder.join(scene))?;
+        let matched = prepared.matched(preset.parameters(), Output::Dense, 2);
+        let matched = matched.map_err(|error| format!("{error:#}"))?;
+        let truth = prepared.scene.truth.as_ref().ok_or("no truth")?;
+        counts.count(&matched.disparities_q4, &matched.confidences, truth, 3.0);
+    }
+    let tenths = counts.tenths().ok_or("nothing was found")?;
+    println!("{tenths:.2?} %");
+    if tenths.is_sorted_by(|a, b| a > b) {
+        Ok(())
+    } else {
+        Err(format!("{tenths:.2?} does not fall").into())
+    }
+}
+
+fn prepared(folder: &Path) -> Result<Prepared, Failed> {
+    Prepared::load(folder, false).map_err(|error| format!("{error:#}").into())
 }
 
 /// Creates a test on the folder that an environment variable names, ignored if it is not set.

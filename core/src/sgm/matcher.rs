@@ -12,8 +12,8 @@ use super::masks::{RowMasks, SgmMasks, block_first};
 use super::penalties::write_penalties;
 use super::plan::SgmPlan;
 use super::rivals::Rivals;
-use crate::config::{Config, ConfigError, SgmParameters};
-use crate::disparity::STEPS_PER_PX;
+use crate::config::{Config, ConfigError, SgmParameters, Support};
+use crate::disparity::{DisparityRange, STEPS_PER_PX};
 use crate::kernel::{
     AggregateRow, CELLS_PER_BYTE, CostRun, Kernels, LevelConversion, MASK_LANES, MAX_CHANNELS,
     Planes, path_scratch_bytes,
@@ -57,7 +57,11 @@ pub struct SgmMatcher<'m, K, M = SgmMasks<'m, K>> {
     confidences: &'m mut [u8],
     rivals: Option<Rivals<'m>>,
     parameters: SgmParameters,
-    config: Config,
+    synapses: u16,
+    support: Support,
+    disparities: DisparityRange,
+    /// The first line of the region.
+    first_line: u32,
     plan: SgmPlan,
 }
 
@@ -139,7 +143,6 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         let plan = SgmPlan::new(config, sgm);
         let synapses = usize::from(config.parameters.synapses);
         let (width, stride) = (plan.width, plan.stride);
-        let disparities = config.disparities.count.into();
         Ok(Self {
             kernels,
             sampler: Sampler::new(config, arena)?,
@@ -168,11 +171,14 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
             found: arena.take(width)?,
             confidences: arena.take(width)?,
             rivals: match sgm.rivals {
-                Some(rivals) => Some(Rivals::new(width, disparities, rivals, arena)?),
+                Some(_) => Some(Rivals::new(width, arena)?),
                 None => None,
             },
             parameters: *sgm,
-            config: *config,
+            synapses: config.parameters.synapses,
+            support: config.parameters.support,
+            disparities: config.disparities,
+            first_line: config.region.y,
             plan,
         })
     }
@@ -294,7 +300,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
     }
 
     fn match_row(&mut self, line: u32) {
-        let is_first = line == self.config.region.y;
+        let is_first = line == self.first_line;
         if is_first && self.parameters.difference_weight_q4 > 0 {
             self.bootstrap_exposure(line);
         }
@@ -317,17 +323,20 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
     /// Computes the costs of a row, aggregates them and selects.
     fn match_levels_and_patterns(&mut self, line: u32, is_first: bool) {
         let scratch = core::mem::take(&mut self.from_right);
-        let synapses = self.config.parameters.synapses;
+        let synapses = self.synapses;
         let mut inputs = CostInputs::over(scratch, &self.plan, synapses);
         self.observe(line, &mut inputs);
         self.convert_levels(line, &mut inputs);
         self.compute_costs(line, inputs);
         self.from_right = scratch;
-        if let Some(rivals) = &mut self.rivals {
+        if let (Some(rivals), Some(parameters)) = (&mut self.rivals, &self.parameters.rivals) {
             if is_first {
                 rivals.reset();
             }
-            rivals.observe(self.costs, self.plan.stride);
+            // The aggregation writes its other view's best anew.
+            let (stride, scratch) = (self.plan.stride, &mut *self.other_best);
+            let disparities = self.disparities.count.into();
+            rivals.observe(self.costs, stride, disparities, scratch, parameters);
         }
         self.aggregate(line, is_first);
     }
@@ -375,7 +384,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
     fn compute_costs(&mut self, line: u32, inputs: CostInputs<'_>) {
         let difference_weight_q4 = self.difference_weight_q4();
         let (parameters, plan) = (&self.parameters, &self.plan);
-        let synapses = self.config.parameters.synapses;
+        let synapses = self.synapses;
         let channels = self.views.reference.channels();
         let levels = self.views.reference.rows(line);
         if let Some(masks) = &mut self.masks {
@@ -418,7 +427,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
                 cell_costs_q8,
                 stored: inputs.stored.planes(),
                 first_position: plan.last_position + plan.width - 1 - start,
-                disparities: self.config.disparities.count.into(),
+                disparities: self.disparities.count.into(),
                 truncations: truncations.get(..lanes).unwrap_or_default(),
                 hamming_truncation: parameters.hamming_truncation,
                 levels,
@@ -457,7 +466,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
                 .unwrap_or_default(),
             from_above: self.from_above,
             stride: plan.stride,
-            disparities: self.config.disparities.count.into(),
+            disparities: self.disparities.count.into(),
             is_first,
             p1: parameters.p1,
             subpixel: parameters.subpixel,
@@ -474,14 +483,14 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
 
     /// Checks the row, and learns exposure and alignment from the disparities that hold.
     fn check(&mut self, line: u32) {
-        let reach = usize::from(self.config.parameters.support.x_px);
+        let reach = usize::from(self.support.x_px);
         let grey = self.views.reference.grey();
         let check = RowCheck {
             best: self.best,
             refined_index_q4: self.refined_index_q4,
             margins: self.margins,
             other_best: self.other_best,
-            minimum_px: self.config.disparities.minimum_px,
+            minimum_px: self.disparities.minimum_px,
             tolerance_px: self.parameters.left_right_tolerance_px,
             margin: self.parameters.margin,
             valid: self.views.reference.valid(line),

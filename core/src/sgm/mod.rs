@@ -8,7 +8,8 @@
 //!              difference of levels in the reference camera's exposure (exposure)
 //!           -> penalties P1, P2; path costs from left, right and above (kernel)
 //!           -> winner-take-all, sub-pixel step, margin (kernel)
-//!           -> left-right check, uniqueness, texture (check)
+//!           -> left-right check, uniqueness, texture (check); doubt where a second disparity fits, too
+//!              (rivals, from the matching costs)
 //!              what holds teaches exposure, and alignment of the lines to come
 //!
 //!           -> speckle removal -> region vote -> border, fill                     SgmRefiner

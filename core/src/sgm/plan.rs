@@ -179,7 +179,7 @@ impl SgmPlan {
     /// | costs and paths | `2 W D + 5 D + 2 W + 6` |
     /// | paths from the right, and before them patterns, levels of the other view and cells of the masks | the larger of `W D` and `(W + P + 32) n / 8 + 2 c P + 32 n`, without `2 c P` where levels do not count and without `32 n` where every cell does |
     /// | winners and checks | `13 W + 4 D` |
-    /// | rivals, unless left out | `W / 4 + 2 D` |
+    /// | rivals, unless left out | `W / 4` |
     pub(crate) const fn parts(&self, config: &Config, sgm: &SgmParameters) -> Parts {
         let ahead = config.parameters.support.y_px as u32;
         let (width, stride) = (self.width, self.stride);
@@ -193,7 +193,7 @@ impl SgmPlan {
             + 4 * words(width, size_of::<i16>())
             + words(width, 1);
         let rivals = match sgm.rivals {
-            Some(_) => Rivals::words(width, config.disparities.count as usize),
+            Some(_) => Rivals::words(width),
             None => 0,
         };
         Parts::NONE

@@ -7,8 +7,8 @@ use super::medians::{Median9, WeightedMedian};
 use super::region_vote::RegionVote;
 use super::speckle::Speckle;
 use super::surroundings::Surroundings;
-use crate::config::{Config, ConfigError, Output, SgmParameters};
-use crate::disparity::{INVALID, Reference, px_to_q4};
+use crate::config::{Config, ConfigError, Output, Region, SgmParameters};
+use crate::disparity::{DisparityRange, INVALID, Reference, px_to_q4};
 use crate::kernel::Kernels;
 use crate::rows::{
     Arena, MatchPositions, Part, Parts, Ring, RowStage, Strip, Then, ValidRuns, copy_common,
@@ -37,7 +37,11 @@ pub struct SgmRefiner<'m, K> {
     valid: [ValidRuns<'m>; 2],
     line_q4: &'m mut [i16],
     line_confidences: &'m mut [u8],
-    config: Config,
+    disparities: DisparityRange,
+    region: Region,
+    /// Whether columns are stored mirrored, as those of the right view are.
+    is_mirrored: bool,
+    is_sparse: bool,
     rows_out: u32,
 }
 
@@ -139,7 +143,10 @@ impl<'m, K: Kernels> SgmRefiner<'m, K> {
             ],
             line_q4: arena.take(columns)?,
             line_confidences: arena.take(columns)?,
-            config: *config,
+            disparities: config.disparities,
+            region: config.region,
+            is_mirrored: config.reference == Reference::Right,
+            is_sparse: config.output == Output::Sparse,
             rows_out: 0,
         })
     }
@@ -164,7 +171,7 @@ impl<'m, K: Kernels> SgmRefiner<'m, K> {
             }
             stage.set_bounds(speckle.size_min, speckle.step_q4);
         }
-        self.config.output = config.output;
+        self.is_sparse = config.output == Output::Sparse;
         true
     }
 
@@ -187,7 +194,7 @@ impl<'m, K: Kernels> SgmRefiner<'m, K> {
         copy_common(self.row, found);
         let mut around = Surroundings {
             channels,
-            first_line: self.config.region.y,
+            first_line: self.region.y,
             confidences: &mut self.confidences,
         };
         self.stages.push(self.row, &mut around) && self.write_line()
@@ -198,7 +205,7 @@ impl<'m, K: Kernels> SgmRefiner<'m, K> {
     pub fn flush(&mut self, channels: &[Strip<'_>]) -> bool {
         let mut around = Surroundings {
             channels,
-            first_line: self.config.region.y,
+            first_line: self.region.y,
             confidences: &mut self.confidences,
         };
         self.stages.flush(self.row, &mut around) && self.write_line()
@@ -223,20 +230,17 @@ impl<'m, K: Kernels> SgmRefiner<'m, K> {
         fill_outside(self.row, &valid, INVALID);
         let row = &*self.row;
         let confidences = self.confidences.row_mut(self.rows_out);
-        let disparities = self.config.disparities;
+        let disparities = self.disparities;
         let minimum_q4 = px_to_q4(disparities.minimum_px);
         // The stored orders of the views run against each other.
         MatchPositions {
-            first: i32::from(self.config.width) - 1,
+            first: row.len() as i32 - 1,
             step: -1,
         }
         .doubt_unseen(row, confidences, minimum_q4, disparities, &other_valid);
         self.rows_out += 1;
-        let region = &self.config.region;
-        let (start, count) = (usize::from(region.x), usize::from(region.width));
-        // The right view is stored mirrored.
-        let is_mirrored = self.config.reference == Reference::Right;
-        let start = if is_mirrored {
+        let (start, count) = (usize::from(self.region.x), usize::from(self.region.width));
+        let start = if self.is_mirrored {
             row.len() - start - count
         } else {
             start
@@ -247,11 +251,10 @@ impl<'m, K: Kernels> SgmRefiner<'m, K> {
             self.line_confidences,
             confidences.get(inside).unwrap_or_default(),
         );
-        if is_mirrored {
+        if self.is_mirrored {
             self.line_q4.reverse();
             self.line_confidences.reverse();
         }
-        let is_sparse = self.config.output == Output::Sparse;
         for (disparity_q4, confidence) in self
             .line_q4
             .iter_mut()
@@ -259,7 +262,7 @@ impl<'m, K: Kernels> SgmRefiner<'m, K> {
         {
             if *disparity_q4 == INVALID {
                 *confidence = 0;
-            } else if is_sparse && *confidence == 0 {
+            } else if self.is_sparse && *confidence == 0 {
                 *disparity_q4 = INVALID;
             } else {
                 *disparity_q4 += minimum_q4;

@@ -40,7 +40,7 @@ pub struct Ablate {
 type Removal = (&'static str, fn(&mut SgmParameters) -> bool);
 
 /// The stages in the order in which data pass them.
-const REMOVALS: [Removal; 17] = [
+const REMOVALS: [Removal; 18] = [
     ("colour", |a| std::mem::replace(&mut a.colour, false)),
     ("smoothing", |a| std::mem::take(&mut a.smoothing_step) > 0),
     ("masks", |a| {
@@ -79,6 +79,7 @@ const REMOVALS: [Removal; 17] = [
     ("ambiguity test", |a| {
         std::mem::replace(&mut a.margin, i16::MIN) > 0
     }),
+    ("doubt of rivals", |a| a.rivals.take().is_some()),
     ("speckle removal", |a| a.speckle.take().is_some()),
     ("votes of every line", |a| {
         let voters = a.vote.as_mut().map(|vote| &mut vote.voters);

@@ -1,0 +1,76 @@
+//! What is in doubt: where what is seen repeats, hardly anything is believed, and confidence tells what is
+//! likely to be right.
+
+use vgstereo_core::{Output, Preset};
+use vgstereo_sim::metrics::ByConfidence;
+use vgstereo_sim::prepared::Prepared;
+use vgstereo_sim::render::{RenderOptions, render};
+use vgstereo_sim::scene::Scene;
+use vgstereo_sim::stress::{Kind, Stress};
+use vgstereo_tests::{found_percent, with_sgm};
+
+const PRESETS: [Preset; 4] = [
+    Preset::Lite,
+    Preset::Micro,
+    Preset::Balanced,
+    Preset::Quality,
+];
+
+/// The built-in scene, in whose middle surfaces have stripes of this period, px; or as it is.
+fn scene(period_px: Option<f32>) -> Prepared {
+    let mut scene: Scene = render(&RenderOptions::default());
+    if let Some(amount) = period_px {
+        let kind = Kind::Periodic;
+        Stress { kind, amount }.apply(&mut scene, 1).unwrap();
+    }
+    Prepared::new(scene, false).unwrap()
+}
+
+#[test]
+fn of_what_repeats_hardly_anything_is_kept() {
+    for period_px in [6.0, 8.0, 12.0] {
+        let prepared = scene(Some(period_px));
+        for preset in PRESETS {
+            let parameters = preset.parameters();
+            let without = with_sgm(parameters, |sgm| sgm.rivals = None);
+            let [found, found_without] =
+                [parameters, without].map(|parameters| found_percent(&prepared, parameters, 1.0));
+            println!("{period_px} px, {preset}: {found:.2?}, without doubt {found_without:.2?}");
+            assert!(found.wrong < 1.0 && found.right < 5.0);
+            assert!(found_without.wrong > 3.0 * found.wrong.max(1.0));
+        }
+    }
+}
+
+/// The scene has walls and a floor of tiles, which repeat.
+#[test]
+fn little_is_lost_elsewhere() {
+    let prepared = scene(None);
+    for preset in PRESETS {
+        let parameters = preset.parameters();
+        let without = with_sgm(parameters, |sgm| sgm.rivals = None);
+        let [found, found_without] =
+            [parameters, without].map(|parameters| found_percent(&prepared, parameters, 1.0));
+        println!("{preset}: {found:.2?}, without doubt {found_without:.2?}");
+        assert!(found.right > 0.98 * found_without.right);
+        assert!(found.wrong < found_without.wrong);
+    }
+}
+
+#[test]
+fn the_more_confident_the_more_are_right() {
+    for preset in PRESETS {
+        let mut counts = ByConfidence::NONE;
+        let prepared = scene(None);
+        let matched = prepared
+            .matched(preset.parameters(), Output::Dense, 2)
+            .unwrap();
+        let truth = prepared.scene.truth.as_ref().unwrap();
+        counts.count(&matched.disparities_q4, &matched.confidences, truth, 1.0);
+        let tenths = counts.tenths().unwrap();
+        println!("{preset}: {tenths:.2?}");
+        // Of the most confident hardly any are wrong, and what is left is chance.
+        assert!(tenths.is_sorted_by(|a, b| a > b || *b < 0.3));
+        assert!(tenths[0] > 20.0 * tenths[9]);
+    }
+}
