@@ -13,14 +13,13 @@ pub(super) const MAX_LANES: usize = 128;
 /// Pixels per word.
 const LANES: usize = size_of::<u32>();
 
-/// Pairs of planes whose ones a byte counts: 16 each.
-const MAX_PAIRS: usize = 15;
-
 /// How much the pattern of a pixel may cost at most, by the number of its cells that are 1.
 pub(super) struct Evidence {
     truncation: u8,
     /// Largest cost of the pattern per cost of its ones, 1/256.
     weight_q8: u32,
+    /// Ones of the pixels of a run, counted so far; 0 between runs.
+    ones: [Ones; MAX_LANES / LANES],
 }
 
 impl Evidence {
@@ -35,81 +34,144 @@ impl Evidence {
             weight_q8: (u32::from(truncation) << 16)
                 .div_ceil(enough)
                 .min(u16::MAX.into()),
+            ones: [Ones::default(); MAX_LANES / LANES],
         })
     }
 
     /// Writes the largest cost of the pattern of each pixel of a run of at most [`MAX_LANES`]. The
     /// patterns start at `first` of `inputs`, the masks at 0; without masks, every cell counts. A
-    /// differing cell of a pixel costs `cell_costs_q8`.
+    /// differing cell of a pixel costs `cell_costs_q8`, which is the same of all pixels if there are
+    /// no masks.
     pub(super) fn truncate(
-        &self,
+        &mut self,
         (inputs, first): (Planes<'_>, usize),
         masks: Planes<'_>,
         cell_costs_q8: &[u16],
         truncations: &mut [u8],
     ) {
-        let mut ones = [0; MAX_LANES];
+        let (weight_q8, truncation) = (self.weight_q8, u32::from(self.truncation));
+        // The cost of all cells of a pixel fits 16 bits, and so does the weight.
+        let weight_q24 = |cell_cost_q8: u16| u32::from(cell_cost_q8) * weight_q8;
+        let largest =
+            |ones: u32, weight_q24: u32| ((ones * weight_q24) >> 16).min(truncation) as u8;
         let lanes = cell_costs_q8.len().min(MAX_LANES);
-        count_ones(
-            (inputs, first),
-            masks,
-            ones.get_mut(..lanes).unwrap_or_default(),
-        );
-        let pixels = ones.iter().zip(cell_costs_q8);
-        for (truncation, (&ones, &cell_cost_q8)) in truncations.iter_mut().zip(pixels) {
-            // The cost of all cells of a pixel fits 16 bits.
-            let cost_q8 = u32::from(ones) * u32::from(cell_cost_q8);
-            let largest = (cost_q8 * self.weight_q8) >> 16;
-            *truncation = largest.min(self.truncation.into()) as u8;
+        add_ones((inputs, first), masks, lanes, &mut self.ones);
+        let (costs, other_costs) = cell_costs_q8.as_chunks::<LANES>();
+        let (words, others) = truncations.as_chunks_mut::<LANES>();
+        let pixels = words.iter_mut().zip(&mut self.ones).zip(costs);
+        if let (0, Some(&cost)) = (masks.count, cell_costs_q8.first()) {
+            let weight_q24 = weight_q24(cost);
+            for ((truncations, ones), _) in pixels {
+                *truncations = ones.take().map(|ones| largest(ones, weight_q24));
+            }
+        } else {
+            for ((truncations, ones), &[a_cost, b_cost, c_cost, d_cost]) in pixels {
+                let [a, b, c, d] = ones.take();
+                let pairs = [(a, a_cost), (b, b_cost), (c, c_cost), (d, d_cost)];
+                *truncations = pairs.map(|(ones, cost)| largest(ones, weight_q24(cost)));
+            }
+        }
+        // The last word of a run may lie within a row of truncations.
+        let others = match words.get_mut(costs.len()) {
+            Some(word) => word.as_mut_slice(),
+            None => others,
+        };
+        for ((truncation, &cost), x) in others.iter_mut().zip(other_costs).zip(lanes & !3..) {
+            let ones = ones_of_pixel((inputs, first), masks, x);
+            *truncation = largest(ones, weight_q24(cost));
         }
     }
 }
 
-/// Counts the cells that are 1 of each pixel of a run, of those in its mask.
-fn count_ones((inputs, first): (Planes<'_>, usize), masks: Planes<'_>, ones: &mut [u16]) {
-    let lanes = ones.len();
-    let (words, rest) = ones.as_chunks_mut::<LANES>();
-    for start in (0..inputs.count).step_by(2 * MAX_PAIRS) {
-        let mut counts = [0; MAX_LANES / LANES];
-        let end = inputs.count.min(start + 2 * MAX_PAIRS);
-        for byte in (start..end).step_by(2) {
-            let plane = |byte| run_of(inputs, byte, first, lanes);
-            let mask = |byte| match masks.count {
-                0 => ALL.get(..lanes).unwrap_or_default(),
-                _ => run_of(masks, byte, 0, lanes),
-            };
-            // The number of synapses is a multiple of 16.
-            let runs = [plane(byte), mask(byte), plane(byte + 1), mask(byte + 1)];
-            let [a, a_mask, b, b_mask] = runs.map(|run| run.as_chunks::<LANES>());
-            let pixels = a.0.iter().zip(a_mask.0).zip(b.0.iter().zip(b_mask.0));
-            for (count, ((a, a_mask), (b, b_mask))) in counts.iter_mut().zip(pixels) {
-                *count += ones_of_bytes(word(a) & word(a_mask), word(b) & word(b_mask));
-            }
-            let pixels = a.1.iter().zip(a_mask.1).zip(b.1.iter().zip(b_mask.1));
-            for (count, ((a, a_mask), (b, b_mask))) in rest.iter_mut().zip(pixels) {
-                *count += ((a & a_mask).count_ones() + (b & b_mask).count_ones()) as u16;
+/// The numbers of ones of four pixels, two in each word.
+#[derive(Debug, Clone, Copy, Default)]
+struct Ones {
+    even: u32,
+    odd: u32,
+}
+
+impl Ones {
+    /// Adds the numbers of four bytes.
+    #[inline(always)]
+    fn add(&mut self, counts: u32) {
+        self.even += counts & 0x00ff_00ff;
+        self.odd += counts >> 8 & 0x00ff_00ff;
+    }
+
+    /// The number of each pixel; those that are left are 0.
+    #[inline(always)]
+    fn take(&mut self) -> [u32; LANES] {
+        let Self { even, odd } = core::mem::take(self);
+        [even & 0xffff, odd & 0xffff, even >> 16, odd >> 16]
+    }
+}
+
+/// Adds the number of cells that are 1 of each pixel of a run, of those in its mask, for all whole
+/// words of pixels.
+fn add_ones(
+    (inputs, first): (Planes<'_>, usize),
+    masks: Planes<'_>,
+    lanes: usize,
+    ones: &mut [Ones],
+) {
+    let plane = |byte| words_of(inputs, byte, first, lanes);
+    // The number of synapses is a multiple of 16.
+    if masks.count == 0 {
+        let pair = |byte| {
+            let words = plane(byte).zip(plane(byte + 1));
+            words.map(|(a, b)| ones_of_bytes(a, b))
+        };
+        for byte in (0..inputs.count).step_by(4) {
+            if byte + 2 < inputs.count {
+                let fours = pair(byte).zip(pair(byte + 2));
+                add_bytes(fours.map(|(a, b)| a + b), ones);
+            } else {
+                add_bytes(pair(byte), ones);
             }
         }
-        for (ones, count) in words.iter_mut().zip(counts) {
-            for (ones, count) in ones.iter_mut().zip(count.to_le_bytes()) {
-                *ones += u16::from(count);
-            }
+    } else {
+        let masked = |byte| {
+            let words = plane(byte).zip(words_of(masks, byte, 0, lanes));
+            words.map(|(word, mask)| word & mask)
+        };
+        for byte in (0..inputs.count).step_by(2) {
+            let words = masked(byte).zip(masked(byte + 1));
+            add_bytes(words.map(|(a, b)| ones_of_bytes(a, b)), ones);
         }
     }
 }
 
-/// A mask of all cells.
-const ALL: [u8; MAX_LANES] = [u8::MAX; MAX_LANES];
+/// Adds the numbers of four bytes to those of four pixels, word by word.
+#[inline(always)]
+fn add_bytes(words: impl Iterator<Item = u32>, ones: &mut [Ones]) {
+    for (ones, counts) in ones.iter_mut().zip(words) {
+        ones.add(counts);
+    }
+}
 
-/// Some pixels of plane `byte`; none if there is no such plane.
-fn run_of(planes: Planes<'_>, byte: usize, first: usize, lanes: usize) -> &[u8] {
+/// The number of cells that are 1 of pixel `x` of a run, of those in its mask.
+fn ones_of_pixel((inputs, first): (Planes<'_>, usize), masks: Planes<'_>, x: usize) -> u32 {
+    let at = |planes: Planes<'_>, byte, x| planes.bytes.get(byte * planes.stride + x).copied();
+    let cells = (0..inputs.count).map(|byte| {
+        let mask = at(masks, byte, x).filter(|_| masks.count > 0);
+        at(inputs, byte, first + x).unwrap_or(0) & mask.unwrap_or(u8::MAX)
+    });
+    cells.map(u8::count_ones).sum()
+}
+
+/// The whole words of some pixels of plane `byte`; none if there is no such plane.
+#[inline(always)]
+fn words_of(
+    planes: Planes<'_>,
+    byte: usize,
+    first: usize,
+    lanes: usize,
+) -> impl Iterator<Item = u32> {
     let start = byte * planes.stride + first;
     let run = planes.bytes.get(start..start + lanes);
-    run.filter(|_| byte < planes.count).unwrap_or_default()
-}
-
-fn word(bytes: &[u8; LANES]) -> u32 {
-    u32::from_le_bytes(*bytes)
+    let run = run.filter(|_| byte < planes.count).unwrap_or_default();
+    let words = run.as_chunks::<LANES>().0.iter();
+    words.map(|&bytes| u32::from_le_bytes(bytes))
 }
 
 /// Counts the ones of each byte of two words together.
@@ -156,9 +218,13 @@ mod tests {
                     count,
                 };
                 for masks in [Planes::NONE, masks] {
-                    let mut ones = vec![0; lanes];
-                    count_ones((inputs, first), masks, &mut ones);
-                    for (x, &ones) in ones.iter().enumerate() {
+                    let mut ones = [Ones::default(); MAX_LANES / LANES];
+                    add_ones((inputs, first), masks, lanes, &mut ones);
+                    let words = ones.iter_mut().take(lanes / LANES);
+                    let ones = words.flat_map(Ones::take);
+                    let others =
+                        (lanes & !3..lanes).map(|x| ones_of_pixel((inputs, first), masks, x));
+                    for (x, ones) in ones.chain(others).enumerate() {
                         let expected: u32 = (0..count)
                             .map(|byte| {
                                 let own = own[byte * stride + first + x];
@@ -169,7 +235,7 @@ mod tests {
                                 (own & mask).count_ones()
                             })
                             .sum();
-                        assert_eq!(u32::from(ones), expected, "seed {seed}, {lanes}, {count}");
+                        assert_eq!(ones, expected, "seed {seed}, {lanes}, {count}");
                     }
                 }
             }

@@ -392,7 +392,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         }
         let cost_of = |count: u16| self.cell_costs_q8.get(usize::from(count)).copied();
         let mut cell_costs_q8 = [cost_of(synapses).unwrap_or(0); RUN_LANES];
-        let evidence = Evidence::new(parameters);
+        let mut evidence = Evidence::new(parameters);
         let mut truncations = [parameters.hamming_truncation; RUN_LANES];
         let longest = match self.masks {
             Some(_) => MASK_LANES,
@@ -416,7 +416,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
                 };
             }
             let cell_costs_q8 = cell_costs_q8.get(..lanes).unwrap_or_default();
-            if let Some(evidence) = &evidence {
+            if let Some(evidence) = &mut evidence {
                 let inputs = (inputs.own.planes(), start);
                 evidence.truncate(inputs, masks, cell_costs_q8, &mut truncations);
             }
