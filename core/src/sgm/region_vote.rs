@@ -186,14 +186,18 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
     fn elect(&self, total: usize) -> Option<i16> {
         let (&none, votes) = self.votes.split_last()?;
         let total = total - usize::from(none.cast_unsigned());
+        if total <= usize::from(self.parameters.support_min) {
+            return None;
+        }
         // A reduction, which is vectorised if the target has vectors.
         let most = votes.iter().fold(0, |a, &b| a.max(b));
-        let first = votes.iter().position(|&votes| votes == most)?;
         let share_min = usize::from(self.parameters.share_min_percent);
-        let wins = total > usize::from(self.parameters.support_min)
-            && usize::from(most.cast_unsigned()) * 100 > total * share_min;
+        if usize::from(most.cast_unsigned()) * 100 <= total * share_min {
+            return None;
+        }
+        let first = votes.iter().position(|&votes| votes == most)?;
         // Within the range, and so within 1/16 px.
-        wins.then_some(first as i16 * STEPS_PER_PX)
+        Some(first as i16 * STEPS_PER_PX)
     }
 }
 
@@ -242,40 +246,60 @@ struct Window<'a> {
 impl Window<'_> {
     /// Length of the arm upwards from column `x` of line `index`, lines.
     fn reach_up(&self, index: usize, x: usize) -> usize {
-        self.reach(index, x, (0..index).rev())
+        let above = self.lines.get(..index).unwrap_or_default();
+        self.reach(index, x, above.iter().rev())
     }
 
     /// Length of the arm downwards from column `x` of line `index`, lines.
     fn reach_down(&self, index: usize, x: usize) -> usize {
-        self.reach(index, x, index + 1..self.lines.len())
+        let below = self.lines.get(index + 1..).unwrap_or_default();
+        self.reach(index, x, below.iter())
     }
 
     /// Number of successive lines of `path` whose pixel in column `x` is similar to that of line
     /// `index`. The largest difference is `near_step` in the nearer half of the reach, `far_step`
     /// beyond.
     #[inline]
-    fn reach(&self, index: usize, x: usize, path: impl Iterator<Item = usize>) -> usize {
-        let reach = self.parameters.reach_y_px;
-        let near = usize::from(reach / 2);
-        let rows = |index: usize| {
-            let rows = self.lines.get(index).into_iter().flatten();
-            rows.take(self.channels)
-        };
-        let level = |row: &[u8]| row.get(x).copied().unwrap_or(0);
-        let mut own = [0; MAX_CHANNELS];
-        for (own, row) in own.iter_mut().zip(rows(index)) {
-            *own = level(row);
+    fn reach<'l>(
+        &self,
+        index: usize,
+        x: usize,
+        path: impl Iterator<Item = &'l [&'l [u8]; MAX_CHANNELS]>,
+    ) -> usize {
+        if self.channels == 1 {
+            self.reach_in::<1>(index, x, path)
+        } else {
+            self.reach_in::<MAX_CHANNELS>(index, x, path)
         }
+    }
+
+    /// [`Window::reach`], of lines of `CHANNELS` channels.
+    #[inline(always)]
+    fn reach_in<'l, const CHANNELS: usize>(
+        &self,
+        index: usize,
+        x: usize,
+        path: impl Iterator<Item = &'l [&'l [u8]; MAX_CHANNELS]>,
+    ) -> usize {
+        let parameters = self.parameters;
+        let reach = usize::from(parameters.reach_y_px);
+        let near = reach / 2;
+        let levels = |rows: &[&[u8]; MAX_CHANNELS]| -> [u8; CHANNELS] {
+            core::array::from_fn(|channel| {
+                let row = rows.get(channel);
+                row.and_then(|row| row.get(x)).copied().unwrap_or(0)
+            })
+        };
+        let own = self.lines.get(index).map_or([0; CHANNELS], levels);
         let mut count = 0;
-        for other in path.take(reach.into()) {
+        for other in path.take(reach) {
             let step = if count < near {
-                self.parameters.near_step
+                parameters.near_step
             } else {
-                self.parameters.far_step
+                parameters.far_step
             };
-            let differences = own.iter().zip(rows(other));
-            let largest =
-                differences.fold(0, |most, (own, row)| own.abs_diff(level(row)).max(most));
+            let pairs = own.iter().zip(levels(other));
+            let largest = pairs.fold(0, |most, (own, other)| own.abs_diff(other).max(most));
             if largest > step {
                 break;
             }

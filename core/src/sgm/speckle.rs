@@ -22,7 +22,7 @@ type Run = [u16; 3];
 /// not followed at all.
 ///
 /// The [`RowStage`] takes rows of stored values of [`Found`]; speckles come out without a
-/// disparity and lose their confidence.
+/// disparity and lose their confidence. What has no disparity has no confidence.
 #[derive(Debug)]
 pub(super) struct Speckle<'m> {
     window: RowWindow<'m>,
@@ -98,6 +98,7 @@ impl<'m> Speckle<'m> {
         };
         // Within the window.
         let centre = (line - there.start) as u16;
+        let confidences = around.confidences.row_mut(line);
         let mut rest = &mut *output;
         let mut column = 0;
         while !rest.is_empty() {
@@ -108,15 +109,12 @@ impl<'m> Speckle<'m> {
             let is_short = length > 0 && length < enough;
             if is_short && search.is_small(centre, column, length) {
                 run.fill(Found::NOT_FOUND.stored());
+                if let Some(confidences) = confidences.get_mut(column..column + length) {
+                    confidences.fill(0);
+                }
             }
             column += run.len();
             rest = after;
-        }
-        let confidences = around.confidences.row_mut(line);
-        for (confidence, &found) in confidences.iter_mut().zip(&*output) {
-            if !Found::of(found).is_found() {
-                *confidence = 0;
-            }
         }
         true
     }
@@ -282,7 +280,9 @@ mod tests {
                     digit => i16::from(digit - b'0') * 16,
                 };
             }
-            confidences.push().fill(9);
+            for (confidence, &found) in confidences.push().iter_mut().zip(&row) {
+                *confidence = if found == INVALID { 0 } else { 9 };
+            }
             let around = &mut Surroundings {
                 channels: &[],
                 first_line: 0,
