@@ -7,7 +7,7 @@
 //! counts so far stand where the costs will.
 
 use vgstereo_core::kernel::{
-    CELLS_PER_BYTE, CostRun, NO_COST, Planes, cost_run as portable, cost_stride,
+    CELLS_PER_BYTE, CostRun, MASK_LANES, NO_COST, Planes, cost_run as portable, cost_stride,
 };
 
 use super::simd::{
@@ -18,12 +18,15 @@ use super::simd::{
 /// Largest number of disparities, rounded up to a multiple of 16.
 const MAX_STRIDE: usize = 64;
 
-/// Number of pixels whose patterns are copied at a time.
-const PIXELS: usize = 64;
+/// Largest number of pixels whose patterns are copied at a time.
+const MAX_PIXELS: usize = 64;
+
+/// Number of pixels at a time if there are masks, which come for as many.
+const MASKED_PIXELS: usize = MASK_LANES;
 
 /// Positions per row: all that the disparities of these pixels reach, rounded up to a power of two,
 /// and one block more.
-const POSITIONS: usize = (PIXELS + MAX_STRIDE).next_power_of_two() + BLOCK;
+const POSITIONS: usize = (MAX_PIXELS + MAX_STRIDE).next_power_of_two() + BLOCK;
 
 /// Number of disparities compared at a time.
 const BLOCK: usize = 16;
@@ -55,22 +58,35 @@ fn cost_registers(run: &CostRun<'_>, costs: &mut [u8]) -> Option<()> {
     let bytes = run.inputs.count;
     match (bytes, run.masks.count, has_levels) {
         (4, 0, true) if are_whole() => {
-            cost_pixels::<4, 6, { tile(6) }, 1>(run, 0, costs, |counts, pixel, levels, _| {
-                let cells = counts * pixel.cell_cost;
-                weighing.cost(pixel, sub_saturating_u8x4(pixel.truncation, cells), levels)
-            });
+            cost_pixels::<4, 6, { tile(6) }, 1, MAX_PIXELS>(
+                run,
+                0,
+                costs,
+                |counts, pixel, levels, _| {
+                    let cells = counts * pixel.cell_cost;
+                    weighing.cost(pixel, sub_saturating_u8x4(pixel.truncation, cells), levels)
+                },
+            );
         }
         (8, 0, false) if are_whole() => {
-            cost_pixels::<8, 8, { tile(8) }, 1>(run, 0, costs, |counts, pixel, _, _| {
-                min_u8x4(counts * pixel.cell_cost, pixel.truncation)
-            });
+            cost_pixels::<8, 8, { tile(8) }, 1, MAX_PIXELS>(
+                run,
+                0,
+                costs,
+                |counts, pixel, _, _| min_u8x4(counts * pixel.cell_cost, pixel.truncation),
+            );
         }
         (6, 6, true) => {
-            cost_pixels::<6, 8, { tile(8) }, 2>(run, 0, costs, |counts, pixel, levels, _| {
-                let counts = [even_bytes(counts), odd_bytes(counts)];
-                let missing = missing(pixel, counts);
-                weighing.cost(pixel, missing, levels)
-            });
+            cost_pixels::<6, 8, { tile(8) }, 2, MASKED_PIXELS>(
+                run,
+                0,
+                costs,
+                |counts, pixel, levels, _| {
+                    let counts = [even_bytes(counts), odd_bytes(counts)];
+                    let missing = missing(pixel, counts);
+                    weighing.cost(pixel, missing, levels)
+                },
+            );
         }
         (_, masks, true)
             if masks == bytes
@@ -81,7 +97,7 @@ fn cost_registers(run: &CostRun<'_>, costs: &mut [u8]) -> Option<()> {
             let last = bytes - PART;
             for first in (0..last).step_by(PART) {
                 let add = |counts, _: &Pixel<PART, 2>, _, before| before + counts;
-                cost_pixels::<PART, PART, { tile(PART) }, 2>(run, first, costs, add);
+                cost_pixels::<PART, PART, { tile(PART) }, 2, MASKED_PIXELS>(run, first, costs, add);
             }
             let finish = |counts, pixel: &Pixel<PART, 2>, levels, before| {
                 let even = add_even_bytes(even_bytes(counts), before);
@@ -89,7 +105,7 @@ fn cost_registers(run: &CostRun<'_>, costs: &mut [u8]) -> Option<()> {
                 let missing = missing(pixel, [even, odd]);
                 weighing.cost(pixel, missing, levels)
             };
-            cost_pixels::<PART, 10, { tile(10) }, 2>(run, last, costs, finish);
+            cost_pixels::<PART, 10, { tile(10) }, 2, MASKED_PIXELS>(run, last, costs, finish);
         }
         _ => return None,
     }
@@ -114,9 +130,16 @@ const fn tile(rows: usize) -> usize {
 /// stores what `finish` returns. Its arguments are the counts of four disparities, the pixel, the
 /// lowest and highest levels of the other view that count as equal, and the values so far in place
 /// of the costs. There are `BYTES` rows of patterns and, if levels are compared, two of levels;
-/// `TILE` is the [`tile`] of all rows. `TERMS` is 2 with masks and 1 if all cells count.
+/// `TILE` is the [`tile`] of all rows. `TERMS` is 2 with masks and 1 if all cells count. `PIXELS` pixels,
+/// at most [`MAX_PIXELS`], are copied at a time.
 #[inline(never)]
-fn cost_pixels<const BYTES: usize, const ROWS: usize, const TILE: usize, const TERMS: usize>(
+fn cost_pixels<
+    const BYTES: usize,
+    const ROWS: usize,
+    const TILE: usize,
+    const TERMS: usize,
+    const PIXELS: usize,
+>(
     run: &CostRun<'_>,
     first_byte: usize,
     costs: &mut [u8],
