@@ -186,7 +186,6 @@ fn ones_of_bytes(a: u32, b: u32) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use std::vec;
     use std::vec::Vec;
 
     use rand_core::{Rng, SeedableRng};
