@@ -53,16 +53,6 @@ impl Found {
         if self.holds() { Self(!self.0) } else { self }
     }
 
-    /// This pixel with its disparity no longer in doubt; one without a disparity stays so.
-    #[inline(always)]
-    pub(crate) const fn confirmed(self) -> Self {
-        if self.is_found() {
-            Self(self.index_q4())
-        } else {
-            self
-        }
-    }
-
     /// From a disparity and two masks of all ones or none, without a branch: found where
     /// `agrees` and `is_clear` are set, in doubt where only `agrees` is, else not found.
     #[inline(always)]
@@ -85,7 +75,6 @@ mod tests {
             assert!(!doubted.holds() && doubted.is_found());
             assert_eq!((found.index_q4(), doubted.index_q4()), (index_q4, index_q4));
             assert_eq!((found.doubted(), doubted.doubted()), (doubted, doubted));
-            assert_eq!((found.confirmed(), doubted.confirmed()), (found, found));
             assert_eq!(Found::of(doubted.stored()), doubted);
             for is_clear in [-1, 0] {
                 assert_eq!(Found::select(index_q4, 0, is_clear), Found::NOT_FOUND);
@@ -94,7 +83,7 @@ mod tests {
         }
         let none = Found::NOT_FOUND;
         assert!(!none.holds() && !none.is_found());
-        assert_eq!((none.doubted(), none.confirmed()), (none, none));
+        assert_eq!(none.doubted(), none);
         assert_eq!(none.stored(), INVALID);
     }
 }

@@ -102,10 +102,8 @@ impl RowCheck<'_> {
         &self,
         confidences: &[u8],
     ) -> impl Iterator<Item = (usize, usize)> {
-        let pixels = confidences.chunks(STEP).zip(self.best.chunks(STEP));
-        let pixels = (0..).step_by(STEP).zip(pixels);
-        pixels.filter_map(|(x, (confidences, best))| {
-            let (&confidence, &best) = confidences.first().zip(best.first())?;
+        (0..self.best.len()).step_by(STEP).filter_map(move |x| {
+            let (&confidence, &best) = confidences.get(x).zip(self.best.get(x))?;
             let position = self.position(x, best).filter(|_| confidence > 0)?;
             Some((x, position))
         })

@@ -38,7 +38,7 @@ impl RowStage<Surroundings<'_, '_, '_>> for Fill {
     fn push(&mut self, row: &mut [i16], _: &mut Surroundings<'_, '_, '_>) -> bool {
         self.border.extend(row, self.largest_index_q4);
         for found in row.iter_mut() {
-            *found = Found::of(*found).confirmed().stored();
+            *found = Found::of(*found).index_q4();
         }
         fill_row(row);
         true
@@ -49,20 +49,20 @@ impl RowStage<Surroundings<'_, '_, '_>> for Fill {
     }
 }
 
-/// Fills the gaps of a row of disparities; a row without any disparity stays as it is.
+/// What stands in the gaps, above all disparities.
+const GAP: i16 = Found::NOT_FOUND.index_q4();
+
+/// Fills the gaps of a row of disparities. A row without any disparity becomes [`INVALID`].
 fn fill_row(row: &mut [i16]) {
     let mut from = 0;
-    while let Some(known) = row.iter().skip(from).position(|&found| found == INVALID) {
+    while let Some(known) = row.iter().skip(from).position(|&found| found == GAP) {
         let start = from + known;
-        let length = row
-            .iter()
-            .skip(start)
-            .take_while(|&&found| found == INVALID);
+        let length = row.iter().skip(start).take_while(|&&found| found == GAP);
         let end = start + length.count();
         let before = start.checked_sub(1).and_then(|left| row.get(left));
         let fill = before.into_iter().chain(row.get(end)).min().copied();
-        if let (Some(fill), Some(gap)) = (fill, row.get_mut(start..end)) {
-            gap.fill(fill);
+        if let Some(gap) = row.get_mut(start..end) {
+            gap.fill(fill.unwrap_or(INVALID));
         }
         from = end;
     }
@@ -74,7 +74,7 @@ mod tests {
 
     #[test]
     fn gaps_take_the_smaller_neighbour() {
-        const X: i16 = INVALID;
+        const X: i16 = GAP;
         let filled = |mut row: [i16; 8]| {
             fill_row(&mut row);
             row
@@ -84,7 +84,7 @@ mod tests {
             filled([1, X, X, X, X, X, X, -2]),
             [1, -2, -2, -2, -2, -2, -2, -2]
         );
-        assert_eq!(filled([X; 8]), [X; 8]);
+        assert_eq!(filled([X; 8]), [INVALID; 8]);
         assert_eq!(filled([1, 2, 3, 4, 5, 6, 7, 8]), [1, 2, 3, 4, 5, 6, 7, 8]);
     }
 }
