@@ -285,8 +285,8 @@ fn relative_q16(part: i64, whole: i64) -> i32 {
 /// Mean and spread of both rows, without as large a share of the brightest pixels as is clipped in
 /// either, and so lost there; `None` if too few are left.
 fn measure([own, other]: [&[u8]; 2]) -> Option<(Levels, Levels)> {
-    let clipped = count_above(own, u8::MAX - 1);
-    let other_clipped = count_above(other, u8::MAX - 1);
+    let clipped = count_highest(own);
+    let other_clipped = count_highest(other);
     let (own_q8, own_spread_q8) = measure_row(
         own,
         clipped.max((other_clipped * own.len()).checked_div(other.len())?),
@@ -362,6 +362,21 @@ fn sum(row: &[u8]) -> u32 {
         (even & 0xffff) + (even >> 16) + (odd & 0xffff) + (odd >> 16)
     });
     rest + of_words.sum::<u32>()
+}
+
+/// Number of pixels of a row at the highest level, of which there mostly are none.
+fn count_highest(row: &[u8]) -> usize {
+    let (words, rest) = row.as_chunks::<4>();
+    // A byte of the highest level is 0 in the complement. The lowest of these borrows, and so its top bit
+    // becomes 1.
+    let borrows = words.iter().fold(0, |borrows, word| {
+        let word = u32::from_le_bytes(*word);
+        borrows | (!word).wrapping_sub(0x0101_0101) & word
+    });
+    if borrows & 0x8080_8080 == 0 && !rest.contains(&u8::MAX) {
+        return 0;
+    }
+    count_above(row, u8::MAX - 1)
 }
 
 /// Number of pixels of a row above a level.
@@ -498,6 +513,23 @@ mod tests {
         assert!(gains.iter().any(|&gain| gain > most - 0.02));
         assert!(gains.iter().all(|gain| (1.0 / most..=most).contains(gain)));
         assert!(conversions(bands, 1.0, 0).iter().all(Option::is_none));
+    }
+
+    #[test]
+    fn pixels_at_the_highest_level_are_counted_wherever_they_are() {
+        for length in 0..14 {
+            for bits in 0..1_u32 << length {
+                // Beside them are levels whose bits are all 0 or nearly all 1.
+                let level = |x: u32| match (bits >> x & 1, x % 3) {
+                    (1, _) => 255,
+                    (_, 0) => 254,
+                    (_, 1) => 0,
+                    _ => 128,
+                };
+                let row: Vec<u8> = (0..length).map(level).collect();
+                assert_eq!(count_highest(&row), bits.count_ones() as usize, "{row:?}");
+            }
+        }
     }
 
     /// The brightest pixels that one view has lost count in neither.
