@@ -163,12 +163,12 @@ pub struct SgmParameters {
 pub struct RivalParameters {
     /// Reach of the window to either side, px, at most [`MAX_RIVAL_REACH_PX`].
     pub reach_px: u8,
-    /// The sum of a rival is less than the least sum times this, 1/16, plus `slack`.
+    /// Ratio to the least sum below which a sum is that of a rival, 1/16; `slack` is added to the product.
     pub ratio_q4: u8,
-    /// What is added to that bound.
+    /// Cost that is added to `ratio_q4` times the least sum.
     pub slack: u8,
-    /// Between the least sum and its rival there is a sum above that bound by at least this per pixel that
-    /// was summed up.
+    /// Height of the wall that parts the least sum from its rival: a sum between them is larger than a
+    /// rival's may be by at least so much cost per pixel that was summed up.
     pub rise: u8,
     /// Shorter runs of pixels with rivals are taken for chance, px.
     pub run_min_px: u8,

@@ -4,14 +4,12 @@
 //! a pixel's cells are 1; where all samples are alike, on what is clipped or plain, none is. There, the
 //! other patterns that differ tell nothing of the pixel, and levels and paths are to decide.
 
+use super::lanes::{LANES, Lanes, add, in_order, lanes_of};
 use crate::config::SgmParameters;
 use crate::kernel::Planes;
 
 /// Largest number of pixels of a run.
 pub(super) const MAX_LANES: usize = 128;
-
-/// Pixels per word.
-const LANES: usize = size_of::<u32>();
 
 /// How much the pattern of a pixel may cost at most, by the number of its cells that are 1.
 pub(super) struct Evidence {
@@ -19,7 +17,7 @@ pub(super) struct Evidence {
     /// Largest cost of the pattern per cost of its ones, 1/256.
     weight_q8: u32,
     /// Ones of the pixels of a run, counted so far; 0 between runs.
-    ones: [Ones; MAX_LANES / LANES],
+    ones: [Lanes; MAX_LANES / LANES],
 }
 
 impl Evidence {
@@ -34,7 +32,7 @@ impl Evidence {
             weight_q8: (u32::from(truncation) << 16)
                 .div_ceil(enough)
                 .min(u16::MAX.into()),
-            ones: [Ones::default(); MAX_LANES / LANES],
+            ones: [Lanes::default(); MAX_LANES / LANES],
         })
     }
 
@@ -62,11 +60,12 @@ impl Evidence {
         if let (0, Some(&cost)) = (masks.count, cell_costs_q8.first()) {
             let weight_q24 = weight_q24(cost);
             for ((truncations, ones), _) in pixels {
-                *truncations = ones.take().map(|ones| largest(ones, weight_q24));
+                let ones = in_order(core::mem::take(ones));
+                *truncations = ones.map(|ones| largest(ones, weight_q24));
             }
         } else {
             for ((truncations, ones), &[a_cost, b_cost, c_cost, d_cost]) in pixels {
-                let [a, b, c, d] = ones.take();
+                let [a, b, c, d] = in_order(core::mem::take(ones));
                 let pairs = [(a, a_cost), (b, b_cost), (c, c_cost), (d, d_cost)];
                 *truncations = pairs.map(|(ones, cost)| largest(ones, weight_q24(cost)));
             }
@@ -76,33 +75,14 @@ impl Evidence {
             Some(word) => word.as_mut_slice(),
             None => others,
         };
-        for ((truncation, &cost), x) in others.iter_mut().zip(other_costs).zip(lanes & !3..) {
+        for ((truncation, &cost), x) in others
+            .iter_mut()
+            .zip(other_costs)
+            .zip(costs.len() * LANES..)
+        {
             let ones = ones_of_pixel((inputs, first), masks, x);
             *truncation = largest(ones, weight_q24(cost));
         }
-    }
-}
-
-/// The numbers of ones of four pixels, two in each word.
-#[derive(Debug, Clone, Copy, Default)]
-struct Ones {
-    even: u32,
-    odd: u32,
-}
-
-impl Ones {
-    /// Adds the numbers of four bytes.
-    #[inline(always)]
-    fn add(&mut self, counts: u32) {
-        self.even += counts & 0x00ff_00ff;
-        self.odd += counts >> 8 & 0x00ff_00ff;
-    }
-
-    /// The number of each pixel; those that are left are 0.
-    #[inline(always)]
-    fn take(&mut self) -> [u32; LANES] {
-        let Self { even, odd } = core::mem::take(self);
-        [even & 0xffff, odd & 0xffff, even >> 16, odd >> 16]
     }
 }
 
@@ -112,7 +92,7 @@ fn add_ones(
     (inputs, first): (Planes<'_>, usize),
     masks: Planes<'_>,
     lanes: usize,
-    ones: &mut [Ones],
+    ones: &mut [Lanes],
 ) {
     let plane = |byte| words_of(inputs, byte, first, lanes);
     // The number of synapses is a multiple of 16.
@@ -143,9 +123,9 @@ fn add_ones(
 
 /// Adds the numbers of four bytes to those of four pixels, word by word.
 #[inline(always)]
-fn add_bytes(words: impl Iterator<Item = u32>, ones: &mut [Ones]) {
+fn add_bytes(words: impl Iterator<Item = u32>, ones: &mut [Lanes]) {
     for (ones, counts) in ones.iter_mut().zip(words) {
-        ones.add(counts);
+        add(ones, lanes_of(counts));
     }
 }
 
@@ -217,12 +197,12 @@ mod tests {
                     count,
                 };
                 for masks in [Planes::NONE, masks] {
-                    let mut ones = [Ones::default(); MAX_LANES / LANES];
+                    let mut ones = [Lanes::default(); MAX_LANES / LANES];
                     add_ones((inputs, first), masks, lanes, &mut ones);
-                    let words = ones.iter_mut().take(lanes / LANES);
-                    let ones = words.flat_map(Ones::take);
-                    let others =
-                        (lanes & !3..lanes).map(|x| ones_of_pixel((inputs, first), masks, x));
+                    let words = ones.iter().take(lanes / LANES);
+                    let ones = words.flat_map(|&ones| in_order(ones));
+                    let others = (lanes / LANES * LANES..lanes)
+                        .map(|x| ones_of_pixel((inputs, first), masks, x));
                     for (x, ones) in ones.chain(others).enumerate() {
                         let expected: u32 = (0..count)
                             .map(|byte| {

@@ -49,7 +49,7 @@ impl RowStage<Surroundings<'_, '_, '_>> for Fill {
     }
 }
 
-/// What stands in the gaps, above all disparities.
+/// Value of a pixel without a disparity, larger than every disparity.
 const GAP: i16 = Found::NOT_FOUND.index_q4();
 
 /// Fills the gaps of a row of disparities. A row without any disparity becomes [`INVALID`].

@@ -18,6 +18,7 @@
 
 use core::ops::Range;
 
+use super::lanes::{LANES, Lanes, add, in_order, lanes_of};
 use crate::disparity::DisparityRange;
 use crate::kernel::LevelConversion;
 use crate::rows::NewestRows;
@@ -349,24 +350,22 @@ fn sum_without_brightest(row: &[u8], left_out: usize) -> (u32, u8) {
 
 /// Sum of a row, four pixels at a time.
 fn sum(row: &[u8]) -> u32 {
-    let (words, rest) = row.as_chunks::<4>();
+    let (words, rest) = row.as_chunks::<LANES>();
     let rest: u32 = rest.iter().map(|&level| u32::from(level)).sum();
     // Two sums of 16 bits in each, which 257 levels fit.
     let of_words = words.chunks(256).map(|words| {
-        let (mut even, mut odd) = (0_u32, 0_u32);
+        let mut sums = Lanes::default();
         for word in words {
-            let word = u32::from_le_bytes(*word);
-            even += word & 0x00ff_00ff;
-            odd += (word >> 8) & 0x00ff_00ff;
+            add(&mut sums, lanes_of(u32::from_le_bytes(*word)));
         }
-        (even & 0xffff) + (even >> 16) + (odd & 0xffff) + (odd >> 16)
+        in_order(sums).into_iter().sum::<u32>()
     });
     rest + of_words.sum::<u32>()
 }
 
 /// Number of pixels of a row at the highest level, of which there mostly are none.
 fn count_highest(row: &[u8]) -> usize {
-    let (words, rest) = row.as_chunks::<4>();
+    let (words, rest) = row.as_chunks::<LANES>();
     // A byte of the highest level is 0 in the complement. The lowest of these borrows, and so its top bit
     // becomes 1.
     let borrows = words.iter().fold(0, |borrows, word| {

@@ -6,21 +6,16 @@
 //! short run of pixels with rivals is chance. A longer one puts those around it in doubt as well: their
 //! windows reach beyond what repeats.
 
+use super::lanes::{LANES, Lanes, add, in_order, lanes_of, subtract};
 use crate::config::RivalParameters;
 use crate::rows::{Arena, OutOfMemory, words};
 
 /// Pixels that share a window.
 const BLOCK_PX: usize = 4;
 
-/// Of so many pixels of a window, one is summed up: neighbours have nearly the same pattern.
+/// Distance of the pixels of a window whose costs are summed up, px. Those between have nearly the same
+/// patterns.
 const SAMPLE_STEP: usize = 2;
-
-/// Disparities whose sums lie in two words: the first and the third in one, the others in the other. So
-/// they are added to as words, which every processor has.
-const LANES: usize = 4;
-
-/// The two low halves of a word's sums and costs.
-const HALVES: u32 = 0x00ff_00ff;
 
 /// The highest bit of each sum. No sum has it: 65 costs of at most 254 are less.
 const HIGHEST: u32 = 0x8000_8000;
@@ -88,20 +83,22 @@ impl<'m> Rivals<'m> {
         }
     }
 
-    /// Marks the blocks whose window has a rival. `sums` are those of the costs over the window, [`LANES`]
-    /// disparities in two words.
+    /// Marks the blocks whose window has a rival. `sums` is for those of the costs over the window.
     fn search(
         &mut self,
         costs: &[u8],
         stride: usize,
-        sums: &mut [[u32; 2]],
+        sums: &mut [Lanes],
         parameters: &RivalParameters,
     ) {
         let reach = usize::from(parameters.reach_px);
         sums.fill([0; 2]);
         let costs_of = |x: usize| {
             let costs = costs.get(x * stride..(x + 1) * stride);
-            costs.unwrap_or_default().as_chunks::<LANES>().0
+            let (words, _) = costs.unwrap_or_default().as_chunks::<LANES>();
+            words
+                .iter()
+                .map(|&costs| lanes_of(u32::from_le_bytes(costs)))
         };
         let width = costs.len() / stride.max(1);
         let samples =
@@ -117,27 +114,19 @@ impl<'m> Rivals<'m> {
                 // What leaves has entered before.
                 match (entering.next(), leaving.next()) {
                     (Some(entering), Some(leaving)) => {
-                        let both = costs_of(entering).iter().zip(costs_of(leaving));
-                        for ([even, odd], (entering, leaving)) in sums.iter_mut().zip(both) {
-                            let [entering, leaving] =
-                                [entering, leaving].map(|costs| u32::from_le_bytes(*costs));
-                            *even = *even + (entering & HALVES) - (leaving & HALVES);
-                            *odd = *odd + (entering >> 8 & HALVES) - (leaving >> 8 & HALVES);
+                        let both = costs_of(entering).zip(costs_of(leaving));
+                        for (sums, (entering, leaving)) in sums.iter_mut().zip(both) {
+                            add(sums, entering);
+                            subtract(sums, leaving);
                         }
                     }
                     (Some(entering), None) => {
-                        for ([even, odd], costs) in sums.iter_mut().zip(costs_of(entering)) {
-                            let costs = u32::from_le_bytes(*costs);
-                            *even += costs & HALVES;
-                            *odd += costs >> 8 & HALVES;
-                        }
+                        let costs = costs_of(entering);
+                        sums.iter_mut().zip(costs).for_each(|(a, b)| add(a, b));
                     }
                     (None, Some(leaving)) => {
-                        for ([even, odd], costs) in sums.iter_mut().zip(costs_of(leaving)) {
-                            let costs = u32::from_le_bytes(*costs);
-                            *even -= costs & HALVES;
-                            *odd -= costs >> 8 & HALVES;
-                        }
+                        let costs = costs_of(leaving);
+                        sums.iter_mut().zip(costs).for_each(|(a, b)| subtract(a, b));
                     }
                     (None, None) => break,
                 }
@@ -187,14 +176,14 @@ fn spread_on<'a>(blocks: impl Iterator<Item = &'a mut u8>, reach: usize) {
 
 /// Whether the least of the sums over `samples` pixels has a rival: whether sums below the bound lie on both
 /// sides of one that is far above it. Where they do, one of them is the least.
-fn has_rival(sums: &[[u32; 2]], samples: usize, parameters: &RivalParameters) -> bool {
+fn has_rival(sums: &[Lanes], samples: usize, parameters: &RivalParameters) -> bool {
     let least = sums.iter().flatten().fold(!HIGHEST, |a, &b| least_of(a, b));
     let least = (least & 0xffff).min(least >> 16);
     let bound = ((least * u32::from(parameters.ratio_q4)) >> 4) + u32::from(parameters.slack);
     let wall = bound + u32::from(parameters.rise) * samples as u32;
     let (mut has_low, mut has_wall) = (false, false);
-    for &[even, odd] in sums {
-        for sum in [even & 0xffff, odd & 0xffff, even >> 16, odd >> 16] {
+    for &sums in sums {
+        for sum in in_order(sums) {
             if sum < bound {
                 if has_wall {
                     return true;
