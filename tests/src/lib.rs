@@ -15,7 +15,7 @@ use rand_pcg::Pcg32;
 use vgstereo_core::literal::GreyImage;
 use vgstereo_core::{
     Config, DisparityLine, DisparityRange, INVALID, Kernels, Matcher, Method, Output, Parameters,
-    Portable, SgmParameters,
+    Portable, Preset, SgmParameters,
 };
 use vgstereo_firmware::camera::{PixelFormat, RawLine};
 use vgstereo_sim::metrics::is_bad;
@@ -248,22 +248,32 @@ pub fn with_sgm(parameters: Parameters, change: impl FnOnce(&mut SgmParameters))
     parameters
 }
 
-/// What of the pixels that are not occluded was found, percent.
+/// Right and wrong disparities that were found, percent of the pixels that are not occluded.
 #[derive(Debug, Clone, Copy)]
 pub struct Found {
-    /// What is right.
+    /// Disparities up to a threshold from the truth.
     pub right: f64,
-    /// What is further from the truth than a threshold.
+    /// Disparities further from the truth.
     pub wrong: f64,
 }
 
-/// Matches a scene and returns what is left of its disparities when those that were filled in are left out.
-/// Those further than `threshold_px` from the truth are wrong.
+/// Returns what a preset finds in a scene, and what it finds without its doubt of rivals. Disparities further
+/// than `threshold_px` from the truth are wrong.
 ///
 /// # Panics
-/// Panics if the scene has no ground truth, or cannot be matched with these parameters.
+/// Panics if the scene has no ground truth, or cannot be matched.
 #[must_use]
-pub fn found_percent(prepared: &Prepared, parameters: Parameters, threshold_px: f32) -> Found {
+pub fn found_with_and_without_doubt(
+    prepared: &Prepared,
+    preset: Preset,
+    threshold_px: f32,
+) -> [Found; 2] {
+    let parameters = preset.parameters();
+    let without = with_sgm(parameters, |sgm| sgm.rivals = None);
+    [parameters, without].map(|parameters| found(prepared, parameters, threshold_px))
+}
+
+fn found(prepared: &Prepared, parameters: Parameters, threshold_px: f32) -> Found {
     let matched = prepared.matched(parameters, Output::Sparse, 2).unwrap();
     let truth = prepared.scene.truth.as_ref().unwrap();
     let inside = truth.nonocc.as_ref().or(truth.all.as_ref()).unwrap();

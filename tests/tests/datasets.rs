@@ -7,10 +7,11 @@ use std::path::{Path, PathBuf};
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use vgstereo_core::{Output, Preset};
+use vgstereo_sim::arguments::aggregating_unless_named;
 use vgstereo_sim::dataset::load_scene;
 use vgstereo_sim::metrics::ByConfidence;
 use vgstereo_sim::prepared::Prepared;
-use vgstereo_tests::{bad_percent_beyond, found_percent, with_sgm};
+use vgstereo_tests::{bad_percent_beyond, found_with_and_without_doubt};
 
 /// Scenes, and the largest percentage of bad pixels, averaged over the three masks, with the preset
 /// `paper`. The bounds are the paper's own figures, with some allowance because its tables differ.
@@ -84,12 +85,7 @@ fn main() {
             move |folder| within(mean(folder, &KITTI, preset, false, 3.0)?, 0.0, largest),
         ));
     }
-    for preset in [
-        Preset::Lite,
-        Preset::Micro,
-        Preset::Balanced,
-        Preset::Quality,
-    ] {
+    for preset in aggregating_unless_named(&[]) {
         trials.push(trial(
             "MIDDLEBURY_DIR",
             format!("middlebury::{preset}::doubt"),
@@ -126,13 +122,11 @@ fn little_is_lost(
     threshold_px: f32,
     largest: f64,
 ) -> Result<(), Failed> {
-    let parameters = preset.parameters();
-    let without = with_sgm(parameters, |sgm| sgm.rivals = None);
     let mut sums = [[0.0; 2]; 2];
     for scene in scenes {
         let prepared = prepared(&folder.join(scene))?;
-        for (sums, parameters) in sums.iter_mut().zip([parameters, without]) {
-            let found = found_percent(&prepared, parameters, threshold_px);
+        let found = found_with_and_without_doubt(&prepared, preset, threshold_px);
+        for (sums, found) in sums.iter_mut().zip(found) {
             sums[0] += found.right;
             sums[1] += found.wrong;
         }

@@ -1,20 +1,14 @@
 //! What is in doubt: where what is seen repeats, hardly anything is believed, and confidence tells what is
 //! likely to be right.
 
-use vgstereo_core::{Output, Preset};
+use vgstereo_core::Output;
+use vgstereo_sim::arguments::aggregating_unless_named;
 use vgstereo_sim::metrics::ByConfidence;
 use vgstereo_sim::prepared::Prepared;
 use vgstereo_sim::render::{RenderOptions, render};
 use vgstereo_sim::scene::Scene;
 use vgstereo_sim::stress::{Kind, Stress};
-use vgstereo_tests::{found_percent, with_sgm};
-
-const PRESETS: [Preset; 4] = [
-    Preset::Lite,
-    Preset::Micro,
-    Preset::Balanced,
-    Preset::Quality,
-];
+use vgstereo_tests::found_with_and_without_doubt;
 
 /// The built-in scene, in whose middle surfaces have stripes of this period, px; or as it is.
 fn scene(period_px: Option<f32>) -> Prepared {
@@ -30,11 +24,8 @@ fn scene(period_px: Option<f32>) -> Prepared {
 fn of_what_repeats_hardly_anything_is_kept() {
     for period_px in [6.0, 8.0, 12.0] {
         let prepared = scene(Some(period_px));
-        for preset in PRESETS {
-            let parameters = preset.parameters();
-            let without = with_sgm(parameters, |sgm| sgm.rivals = None);
-            let [found, found_without] =
-                [parameters, without].map(|parameters| found_percent(&prepared, parameters, 1.0));
+        for preset in aggregating_unless_named(&[]) {
+            let [found, found_without] = found_with_and_without_doubt(&prepared, preset, 1.0);
             println!("{period_px} px, {preset}: {found:.2?}, without doubt {found_without:.2?}");
             assert!(found.wrong < 1.0 && found.right < 5.0);
             assert!(found_without.wrong > 3.0 * found.wrong.max(1.0));
@@ -46,11 +37,8 @@ fn of_what_repeats_hardly_anything_is_kept() {
 #[test]
 fn little_is_lost_elsewhere() {
     let prepared = scene(None);
-    for preset in PRESETS {
-        let parameters = preset.parameters();
-        let without = with_sgm(parameters, |sgm| sgm.rivals = None);
-        let [found, found_without] =
-            [parameters, without].map(|parameters| found_percent(&prepared, parameters, 1.0));
+    for preset in aggregating_unless_named(&[]) {
+        let [found, found_without] = found_with_and_without_doubt(&prepared, preset, 1.0);
         println!("{preset}: {found:.2?}, without doubt {found_without:.2?}");
         assert!(found.right > 0.98 * found_without.right);
         assert!(found.wrong < found_without.wrong);
@@ -59,7 +47,7 @@ fn little_is_lost_elsewhere() {
 
 #[test]
 fn the_more_confident_the_more_are_right() {
-    for preset in PRESETS {
+    for preset in aggregating_unless_named(&[]) {
         let mut counts = ByConfidence::NONE;
         let prepared = scene(None);
         let matched = prepared

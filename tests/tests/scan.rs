@@ -1,8 +1,9 @@
 //! The laser scan of the built-in scene against the renderer's own ranges.
 
 use vgstereo_core::geometry::{LaserScan, ScanConfig};
-use vgstereo_core::{Config, DisparityLine, DisparityRange, Preset};
+use vgstereo_core::{Config, DisparityLine, DisparityRange};
 use vgstereo_kernels::NativeKernels;
+use vgstereo_sim::arguments::aggregating_unless_named;
 use vgstereo_sim::frame::match_frame;
 use vgstereo_sim::render::{RenderOptions, RenderedCameras, render, surface_points};
 use vgstereo_sim::views::Views;
@@ -130,12 +131,7 @@ fn most_of_the_scan_of_found_disparities_is_within_two_percent() {
     let (options, config) = scene(320, 240, 47);
     let scene = render(&options);
     let views = Views::new(scene.left, scene.right, false).unwrap();
-    for preset in [
-        Preset::Lite,
-        Preset::Micro,
-        Preset::Balanced,
-        Preset::Quality,
-    ] {
+    for preset in aggregating_unless_named(&[]) {
         let disparities = DisparityRange::up_to(scene.d_max);
         let matcher = Config {
             colour: true,

@@ -16,13 +16,13 @@ use super::recording::Damage;
 use super::source::Source;
 use crate::escapes::shown;
 
-/// What frames are judged by.
+/// The data of a frame that can be judged, in words.
 pub const JUDGED: &str = "disparities or a pair of views";
-/// What is said where disparities that were filled in cannot be told from those found.
+/// Note to a user: disparities that were filled in cannot be told from those found.
 pub const DENSE: &str =
     "disparities that the board has filled in count as found: it sent no confidences";
 
-/// What a recording lacks, as JSON has it.
+/// Frames and bytes that a recording lacks; part of the JSON of commands.
 #[derive(Debug, Clone, Serialize)]
 pub struct Lacking {
     /// Number of frames that were left out: lines are missing, or nothing could be made of them.
@@ -170,7 +170,7 @@ impl<'m> Frames<'m> {
         self.attended.client().damage()
     }
 
-    /// What the recording lacks, once it was read.
+    /// Frames and bytes that the recording lacks, complete once it was read.
     #[must_use]
     pub fn lacking(&self) -> Lacking {
         Lacking {

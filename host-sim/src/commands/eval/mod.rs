@@ -244,7 +244,7 @@ impl Eval {
             .iter()
             .cycle()
             .zip(gathered)
-            .map(|(name, gathered)| PresetReport::new(name, gathered, self.by_confidence));
+            .map(|(name, gathered)| PresetReport::new(name, gathered));
         let by_seed = seeds
             .iter()
             .map(|_| reports.by_ref().take(presets.len()).collect());
@@ -293,7 +293,7 @@ impl Eval {
             self.write_pictures(&paths, map, width, disparities, scene.truth.as_ref())?;
         }
         let scene = &prepared.scene;
-        if let Some(truth) = &scene.truth {
+        if let Some(truth) = scene.truth.as_ref().filter(|_| self.by_confidence) {
             let (disparities_q4, confidences) = (&matched.disparities_q4, &matched.confidences);
             let counts = &mut gathered.by_confidence;
             counts.count(disparities_q4, confidences, truth, self.threshold);

@@ -116,15 +116,14 @@ impl Judging<'_> {
             note(DENSE);
         }
         let mut gathered = Vec::new();
-        let has_tenths = eval.by_confidence;
         if !self.board.scenes.is_empty() {
-            gathered.push(PresetReport::new(BOARD, self.board, has_tenths));
+            gathered.push(PresetReport::new(BOARD, self.board));
         }
         for (preset, frames) in self.presets {
             if !frames.scenes.is_empty() {
                 let parameters = eval.overrides.apply(preset)?;
                 let name = name_of(&parameters, preset);
-                gathered.push(PresetReport::new(&name, frames, has_tenths));
+                gathered.push(PresetReport::new(&name, frames));
             }
         }
         Ok(gathered)
@@ -164,7 +163,8 @@ impl Judging<'_> {
             let range = DisparityRange::up_to(d_max);
             eval.write_pictures(&paths, disparities_q4, width, range, Some(truth))?;
         }
-        if let Some(confidences) = &found.confidences {
+        let confidences = found.confidences.as_ref();
+        if let Some(confidences) = confidences.filter(|_| eval.by_confidence) {
             let counts = &mut self.board.by_confidence;
             counts.count(&found.disparities_q4, confidences, truth, eval.threshold);
         }

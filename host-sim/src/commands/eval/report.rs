@@ -23,10 +23,11 @@ pub(super) struct PresetReport {
     pub(super) scenes: Vec<SceneReport>,
 }
 
-/// What is gathered of one preset, scene by scene.
+/// The figures of one preset as they are gathered, scene by scene.
 #[derive(Debug)]
 pub(super) struct Gathered {
     pub(super) scenes: Vec<SceneReport>,
+    /// The disparities found; none are counted unless that was asked for.
     pub(super) by_confidence: ByConfidence,
 }
 
@@ -112,13 +113,13 @@ impl Cost {
 }
 
 impl PresetReport {
-    /// The figures of one preset, by confidence too if `has_tenths` is set.
-    pub(super) fn new(preset: &str, gathered: Gathered, has_tenths: bool) -> Self {
+    /// The figures of one preset; those by confidence if any were counted.
+    pub(super) fn new(preset: &str, gathered: Gathered) -> Self {
         let scenes = gathered.scenes;
         Self {
             preset: preset.to_owned(),
             average: mean(scenes.iter().filter_map(|scene| scene.average)),
-            tenths: gathered.by_confidence.tenths().filter(|_| has_tenths),
+            tenths: gathered.by_confidence.tenths(),
             scenes,
         }
     }

@@ -33,7 +33,7 @@ struct SceneSpread {
 #[derive(Debug, Serialize)]
 struct Spread {
     mean: Option<f64>,
-    /// The standard deviation that these seeds let expect of all; `None` of a single one.
+    /// Standard deviation of all seeds, as estimated from these; `None` of a single one.
     deviation: Option<f64>,
     smallest: Option<f64>,
     largest: Option<f64>,
@@ -44,16 +44,13 @@ impl Spread {
     fn new(averages: impl Iterator<Item = Option<f64>>) -> Self {
         let averages: Vec<f64> = averages.flatten().collect();
         let centre = mean(averages.iter().copied());
-        let squares = centre.map(|centre| {
+        let deviation = centre.filter(|_| averages.len() > 1).map(|centre| {
             let squares = averages.iter().map(|average| (average - centre).powi(2));
-            squares.sum::<f64>()
+            (squares.sum::<f64>() / (averages.len() - 1) as f64).sqrt()
         });
-        let others = averages.len().saturating_sub(1);
         Self {
             mean: centre,
-            deviation: squares
-                .filter(|_| others > 0)
-                .map(|squares| (squares / others as f64).sqrt()),
+            deviation,
             smallest: averages.iter().copied().reduce(f64::min),
             largest: averages.iter().copied().reduce(f64::max),
         }

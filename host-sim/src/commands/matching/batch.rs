@@ -10,7 +10,7 @@ use super::rows::Row;
 
 /// The pairs that were not taken yet.
 struct Untaken<N> {
-    /// What gives the next one; `None` after the last and after a failure.
+    /// Function that returns the next pair; `None` after the last pair and after a failure.
     next: Option<N>,
     taken: usize,
     failed: Result<()>,
