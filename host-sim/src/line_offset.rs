@@ -10,7 +10,7 @@ pub const LINE_OFFSET_MAX_PX: f32 = 8.0;
 #[derive(Debug, Clone, Copy, PartialEq, Args)]
 pub struct LineOffset {
     /// By how much the right camera's lines lie too low, px. The SGM presets make up for
-    /// as much as `method.line_offset_max_q4` says.
+    /// as much as `method.line_offset_max_lines` says.
     #[arg(
         id = "line_offset",
         long = "line-offset",

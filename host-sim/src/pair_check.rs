@@ -305,7 +305,7 @@ fn sample(
 fn parameters() -> Parameters {
     let mut parameters = Preset::Lite.parameters();
     if let Method::Sgm(sgm) = &mut parameters.method {
-        sgm.line_offset_max_q4 = 0;
+        sgm.line_offset_max_lines = 0;
         sgm.line_gain_max_q8 = 0;
         sgm.usual_difference_max = u8::MAX;
         sgm.evidence_q8 = 0;

@@ -180,14 +180,15 @@ impl Stress {
             Kind::LineOffset => scene.right = lowered(&scene.right, amount),
             Kind::Roll => {
                 let (sine, cosine) = amount.to_radians().sin_cos();
-                scene.right = about_middle(&scene.right, |[x, y]| {
-                    [cosine * x + sine * y, cosine * y - sine * x]
-                });
+                turn_right(scene, Turn { cosine, sine });
             }
-            Kind::Scale => {
-                let scale = 1.0 + amount / 100.0;
-                scene.right = about_middle(&scene.right, |place| place.map(|at| at / scale));
-            }
+            Kind::Scale => turn_right(
+                scene,
+                Turn {
+                    cosine: 1.0 + amount / 100.0,
+                    sine: 0.0,
+                },
+            ),
             Kind::Bands => {
                 let band = |phase: f32| {
                     move |[_, y]: [f32; 2], _: usize, level: f32| {
@@ -272,17 +273,65 @@ fn through_jpeg(view: &RgbImage, quality: u8) -> Result<RgbImage> {
     Ok(stored.to_rgb8())
 }
 
-/// Draws a view anew: the pixel at a place shows what was at `source(place)`, both from the middle, px.
-/// Levels between pixels are interpolated linearly, and the border is repeated.
-fn about_middle(view: &RgbImage, source: impl Fn([f32; 2]) -> [f32; 2]) -> RgbImage {
+/// A rotation clockwise with a scale: `scale cos` and `scale sin` of the angle.
+#[derive(Debug, Clone, Copy)]
+struct Turn {
+    cosine: f32,
+    sine: f32,
+}
+
+impl Turn {
+    /// Where what was at a place is afterwards, both from the middle of the view, px.
+    fn of(self, [x, y]: [f32; 2]) -> [f32; 2] {
+        let Self { cosine, sine } = self;
+        [cosine * x - sine * y, cosine * y + sine * x]
+    }
+
+    fn inverse(self) -> Self {
+        let square = self.cosine * self.cosine + self.sine * self.sine;
+        Self {
+            cosine: self.cosine / square,
+            sine: -self.sine / square,
+        }
+    }
+}
+
+/// Turns the right view about its middle. The truth becomes that of the turned view: how far to the left a
+/// point is in it, whatever its line. Points that leave the view are occluded.
+fn turn_right(scene: &mut Scene, turn: Turn) {
+    let view = &scene.right;
     let (width, height) = view.dimensions();
-    let middle = [width, height].map(|side| (side as f32 - 1.0) / 2.0);
-    RgbImage::from_fn(width, height, |x, y| {
-        let [dx, dy] = source([x as f32 - middle[0], y as f32 - middle[1]]);
-        let at_x = (dx + middle[0]).clamp(0.0, width as f32 - 1.0);
-        let at_y = (dy + middle[1]).clamp(0.0, height as f32 - 1.0);
-        imageops::interpolate_bilinear(view, at_x, at_y).unwrap_or(Rgb([0; 3]))
-    })
+    let sides = [width, height].map(|side| side as f32 - 1.0);
+    let turned = |[x, y]: [f32; 2], turn: Turn| {
+        let [dx, dy] = turn.of([x - sides[0] / 2.0, y - sides[1] / 2.0]);
+        [dx + sides[0] / 2.0, dy + sides[1] / 2.0]
+    };
+    let back = turn.inverse();
+    let right = RgbImage::from_fn(width, height, |x, y| {
+        let [x, y] = turned([x as f32, y as f32], back);
+        let (x, y) = (x.clamp(0.0, sides[0]), y.clamp(0.0, sides[1]));
+        imageops::interpolate_bilinear(view, x, y).unwrap_or(Rgb([0; 3]))
+    });
+    scene.right = right;
+    let Some(truth) = &mut scene.truth else {
+        return;
+    };
+    truth.right_px = None;
+    let places = (0..height).flat_map(|y| (0..width).map(move |x| [x as f32, y as f32]));
+    let stays = |px: &mut f32, [x, y]: [f32; 2]| {
+        let at = turned([x - *px, y], turn);
+        *px = x - at[0];
+        at.iter()
+            .zip(sides)
+            .all(|(at, side)| (0.0..=side).contains(at))
+    };
+    let pixels = truth.left_px.iter_mut().zip(places);
+    let stays: Vec<bool> = pixels.map(|(px, place)| stays(px, place)).collect();
+    for mask in [&mut truth.nonocc, &mut truth.disc].into_iter().flatten() {
+        let counts = mask.iter().zip(&stays);
+        let counts: Vec<bool> = counts.map(|(&counts, &stays)| counts && stays).collect();
+        *mask = counts.into();
+    }
 }
 
 /// Paints the surfaces in the middle third of the lines and half of the columns of the left view: a
@@ -422,6 +471,50 @@ mod tests {
         // 80 px from the middle, 3 degrees are 4.2 px.
         assert_eq!(moved(Kind::Roll, 3.0), [46, 50, 54]);
         assert_eq!(moved(Kind::Scale, 2.0), [50; 3]);
+    }
+
+    /// What the truth says of a turned view is there: at the disparity, and on the line that the angle or
+    /// the scale gives.
+    #[test]
+    fn the_truth_follows_a_turned_view() {
+        let undisturbed = scene();
+        for (kind, amount) in [(Kind::Roll, 2.0), (Kind::Roll, -0.5), (Kind::Scale, 3.0)] {
+            let mut disturbed = scene();
+            Stress { kind, amount }.apply(&mut disturbed, 1).unwrap();
+            let truth = disturbed.truth.as_ref().unwrap();
+            let nonocc = truth.nonocc.as_deref().unwrap();
+            let (mut count, mut off, mut moved) = (0, 0, 0);
+            for (index, (&counts, &px)) in nonocc.iter().zip(&truth.left_px).enumerate() {
+                if !counts {
+                    continue;
+                }
+                let (x, y) = ((index % 160) as u32, (index / 160) as u32);
+                let before_px = undisturbed.truth.as_ref().unwrap().left_px[index];
+                let (right, down) = (x as f32 - before_px - 79.5, y as f32 - 59.5);
+                let line = match kind {
+                    Kind::Scale => 59.5 + down * (1.0 + amount / 100.0),
+                    _ => {
+                        59.5 + down * amount.to_radians().cos() + right * amount.to_radians().sin()
+                    }
+                };
+                let at = (x as f32 - px).clamp(0.0, 159.0);
+                let line = line.clamp(0.0, 119.0);
+                let turned = imageops::interpolate_bilinear(&disturbed.right, at, line).unwrap();
+                let left = imageops::interpolate_bilinear(
+                    &undisturbed.right,
+                    (right + 79.5).clamp(0.0, 159.0),
+                    y as f32,
+                );
+                count += 1;
+                off += usize::from(turned[1].abs_diff(left.unwrap()[1]) > 25);
+                moved += usize::from((px - before_px).abs() > 0.25);
+            }
+            // Interpolated twice, edges are blurred.
+            assert!(
+                count > 10_000 && off < count / 15 && moved > count / 4,
+                "{kind:?} {amount}: {off} and {moved} of {count}"
+            );
+        }
     }
 
     #[test]

@@ -326,9 +326,9 @@ fn aggregations_out_of_range_are_refused() {
     }
     assert_eq!(refusal(&|a| a.hamming_truncation = 254 - 45 - a.p2), None);
     assert_eq!(refusal(&|a| a.hamming_scale = 250), None);
-    let refused = refusal(&|a| a.line_offset_max_q4 = 17);
+    let refused = refusal(&|a| a.line_offset_max_lines = 5);
     assert_eq!(refused, Some(ConfigError::LineOffset));
-    assert_eq!(refusal(&|a| a.line_offset_max_q4 = 16), None);
+    assert_eq!(refusal(&|a| a.line_offset_max_lines = 4), None);
     let windows: [&dyn Fn(&mut SgmParameters); 9] = [
         &|a| a.kept_cells_q8 = 0,
         &|a| a.speckle.as_mut().unwrap().reach_y_px = 16,

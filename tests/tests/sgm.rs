@@ -23,6 +23,7 @@ use vgstereo_sim::exposure::Exposure;
 use vgstereo_sim::frame::match_frame;
 use vgstereo_sim::prepared::Prepared;
 use vgstereo_sim::render::{RenderOptions, render};
+use vgstereo_sim::stress::{Kind, Stress};
 use vgstereo_sim::views::Views;
 use vgstereo_tests::{Map, Pair, follow, oracle, with_sgm};
 
@@ -45,7 +46,7 @@ fn aggregation() -> impl Strategy<Value = SgmParameters> {
         0_u8..=60,
         prop_oneof![Just(0_u8), Just(24), 1_u8..=48],
         0_u8..=30,
-        prop_oneof![Just(0_u8), Just(16), 1_u8..=16],
+        prop_oneof![2 => Just(0_u8), 2 => Just(1), 1 => 2_u8..=4],
         prop_oneof![Just(0_u8), 1_u8..=255],
         prop_oneof![Just(255_u8), 0_u8..=20],
         prop_oneof![1 => Just(0_u8), 2 => 1_u8..=255],
@@ -138,7 +139,7 @@ fn aggregation() -> impl Strategy<Value = SgmParameters> {
                     evidence_q8: costs.7,
                     difference_weight_q4: costs.2,
                     difference_truncation: costs.3,
-                    line_offset_max_q4: costs.4,
+                    line_offset_max_lines: costs.4,
                     line_gain_max_q8: costs.5,
                     usual_difference_max: costs.6,
                     p1: penalties.0,
@@ -426,7 +427,12 @@ proptest! {
         let height = 1 + corners[1].index(pair.height - y);
         let region = Region { y: y as u32, height: height as u32, ..config.region };
         let config = Config { region, ..config };
-        let end = (y + height + usize::from(config.parameters.support.y_px)).min(pair.height);
+        let moving = match &config.parameters.method {
+            Method::Sgm(sgm) => sgm.moving_latency_lines(),
+            Method::Recall(_) => 0,
+        };
+        let ahead = usize::from(config.parameters.support.y_px + moving);
+        let end = (y + height + ahead).min(pair.height);
         let bytes = end * pair.format.line_bytes(config.width);
         let cut = Pair {
             height: end,
@@ -442,12 +448,15 @@ proptest! {
 /// If the cameras do not look along the same lines, the lines are moved as in the oracle.
 #[test]
 fn lines_that_lie_too_low_give_the_bits_of_the_oracle() {
-    for (line_offset_px, grey, reference) in [
-        (0.4, false, Reference::Left),
-        (-0.7, true, Reference::Left),
-        (0.8, true, Reference::Right),
+    for (line_offset_px, roll_degrees, lines_max, grey, reference) in [
+        (0.4, 0.0, 1, false, Reference::Left),
+        (-0.7, 0.0, 1, true, Reference::Left),
+        (0.8, 0.0, 1, true, Reference::Right),
+        (0.2, 0.5, 1, false, Reference::Left),
+        (-0.9, -1.0, 2, false, Reference::Right),
+        (0.9, 1.5, 3, true, Reference::Left),
     ] {
-        let scene = render(&RenderOptions {
+        let mut scene = render(&RenderOptions {
             width: 150,
             height: 110,
             d_max: 15,
@@ -459,6 +468,11 @@ fn lines_that_lie_too_low_give_the_bits_of_the_oracle() {
             },
             ..RenderOptions::default()
         });
+        let roll = Stress {
+            kind: Kind::Roll,
+            amount: roll_degrees,
+        };
+        roll.apply(&mut scene, 1).unwrap();
         let views = Views::new(scene.left.clone(), scene.right.clone(), grey).unwrap();
         let pair = Pair {
             width: 150,
@@ -468,10 +482,13 @@ fn lines_that_lie_too_low_give_the_bits_of_the_oracle() {
             right: views.right,
             valid_columns: views.valid_columns,
         };
+        let parameters = with_sgm(Preset::Micro.parameters(), |sgm| {
+            sgm.line_offset_max_lines = lines_max;
+        });
         let config = Config {
             reference,
             colour: !grey,
-            ..Config::new(Preset::Micro.parameters(), 150, DisparityRange::up_to(15))
+            ..Config::new(parameters, 150, DisparityRange::up_to(15))
         };
         let (disparities_q4, confidences) = oracle::sgm::match_whole(&pair, &config);
         let expected = Map {
@@ -480,10 +497,11 @@ fn lines_that_lie_too_low_give_the_bits_of_the_oracle() {
         };
         for kernels in NativeKernels::available() {
             let found = pair.stream_with_confidences(&config, kernels);
-            assert!(found == expected, "{line_offset_px}, {}", kernels.name());
+            let what = format!("{line_offset_px}, {roll_degrees}, {}", kernels.name());
+            assert!(found == expected, "{what}");
         }
         let mut unmoved = config;
-        unmoved.parameters = with_sgm(config.parameters, |sgm| sgm.line_offset_max_q4 = 0);
+        unmoved.parameters = with_sgm(config.parameters, |sgm| sgm.line_offset_max_lines = 0);
         let unmoved = pair.stream_with_confidences(&unmoved, NativeKernels::fastest());
         assert!(unmoved != expected, "{line_offset_px}: no line was moved");
     }

@@ -81,7 +81,7 @@ fn lines_that_lie_too_low_or_too_high_cost_little() {
         let scene = lowered(line_offset_px);
         for preset in [Preset::Lite, Preset::Micro, Preset::Balanced] {
             let moved = preset.parameters();
-            let unmoved = with_sgm(moved, |sgm| sgm.line_offset_max_q4 = 0);
+            let unmoved = with_sgm(moved, |sgm| sgm.line_offset_max_lines = 0);
             let aligned = bad_percent(moved, &aligned);
             let cost = bad_percent(moved, &scene) - aligned;
             let cost_unmoved = bad_percent(unmoved, &scene) - aligned;

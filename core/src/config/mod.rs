@@ -10,7 +10,7 @@ mod preset;
 
 pub use checks::{Checks, ChecksError, SpeckleChecks};
 pub use parameters::{
-    MAX_CANDIDATES, MAX_LINE_OFFSET_Q4, MAX_MEDIAN_REACH_PX, MAX_RIVAL_REACH_PX, MAX_SIGMA_PX,
+    MAX_CANDIDATES, MAX_LINE_OFFSET_LINES, MAX_MEDIAN_REACH_PX, MAX_RIVAL_REACH_PX, MAX_SIGMA_PX,
     MAX_SYNAPSES, Method, Parameters, RecallParameters, RegionVoteParameters, RivalParameters,
     SYNAPSE_STEP, SgmParameters, SpeckleParameters, Support, SynapseError, Voters,
     WeightedMedianParameters,
@@ -133,7 +133,7 @@ impl fmt::Display for ConfigError {
             Self::Windows => f.write_str(
                 "the speckle window may reach 15 lines, the vote 127 px and 15 lines, the weighted median even 30 px and 6 lines, and some cells must be kept",
             ),
-            Self::LineOffset => f.write_str("lines can be moved by at most 16/16 of a line"),
+            Self::LineOffset => f.write_str("lines can be moved by at most 4 lines"),
             Self::Disparities => f.write_str(
                 "the disparities must be shorter than the line and at most 2047 px long",
             ),
@@ -190,7 +190,7 @@ impl Parameters {
                 if !sgm.costs_fit_u8() {
                     return Err(ConfigError::Costs);
                 }
-                if sgm.line_offset_max_q4 > MAX_LINE_OFFSET_Q4 {
+                if sgm.line_offset_max_lines > MAX_LINE_OFFSET_LINES {
                     return Err(ConfigError::LineOffset);
                 }
                 if !sgm.windows_fit() {

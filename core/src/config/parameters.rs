@@ -24,7 +24,7 @@ pub const MAX_MEDIAN_REACH_PX: u8 = 63;
 pub const MAX_RIVAL_REACH_PX: u8 = 64;
 
 /// Largest offset between the lines of the two views that is corrected, 1/16 line.
-pub const MAX_LINE_OFFSET_Q4: u8 = 16;
+pub const MAX_LINE_OFFSET_LINES: u8 = 4;
 
 /// Parameters of the method: all that a preset fixes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -111,10 +111,11 @@ pub struct SgmParameters {
     pub difference_weight_q4: u8,
     /// Largest difference of levels that counts, levels.
     pub difference_truncation: u8,
-    /// Largest offset between the lines of the two views that is corrected, 1/16 line, at most 16.
-    /// The offset is learned from the matches above, which requires `difference_weight_q4` above 0.
-    /// With 0, lines are used as they come.
-    pub line_offset_max_q4: u8,
+    /// Largest offset between the lines of the two views that is corrected, lines, at most 4. It may change
+    /// along the line, as it does if one camera is turned against the other. It is learned from the matches
+    /// above, which requires `difference_weight_q4` above 0. Each line but the first is one more line of
+    /// latency. With 0, lines are used as they come.
+    pub line_offset_max_lines: u8,
     /// Largest gain of single lines of the other view that is mended, 1/256 above 1: dark and bright bands
     /// of mains light, and noise of rows. 0 leaves the brightness of lines as it came. The exposures of the
     /// cameras, from which lines deviate, are learned if `difference_weight_q4` is above 0, else taken for equal.
@@ -374,10 +375,22 @@ impl SgmParameters {
         rivals && speckle && vote && median && self.kept_cells_q8 > 0
     }
 
-    /// Whether the lines of the other view are moved to where those of the reference view lie.
+    /// By how many lines pixels of the other view are moved at most to where those of the reference view
+    /// lie.
     #[must_use]
-    pub const fn aligns_lines(&self) -> bool {
-        self.line_offset_max_q4 > 0 && self.difference_weight_q4 > 0
+    pub const fn moving_lines(&self) -> u8 {
+        if self.difference_weight_q4 > 0 {
+            self.line_offset_max_lines
+        } else {
+            0
+        }
+    }
+
+    /// Number of lines that must come after a line before all of its pixels can be moved, less the one that
+    /// patterns do without.
+    #[must_use]
+    pub const fn moving_latency_lines(&self) -> u8 {
+        self.moving_lines().saturating_sub(1)
     }
 
     /// Whether every path cost fits 8 bits: the largest matching cost and the largest penalty

@@ -143,7 +143,7 @@ const SGM: SgmParameters = SgmParameters {
     evidence_q8: 83,
     difference_weight_q4: 24,
     difference_truncation: 30,
-    line_offset_max_q4: 16,
+    line_offset_max_lines: 1,
     line_gain_max_q8: 192,
     usual_difference_max: 4,
     p1: 20,

@@ -16,7 +16,7 @@ use crate::rows::{Arena, View, words};
 pub struct Sampler<'m> {
     synapses: Synapses<'m>,
     region: Region,
-    reach_lines: u32,
+    lines_ahead: u32,
     next_row: u32,
 }
 
@@ -34,12 +34,16 @@ impl<'m> Sampler<'m> {
     }
 
     /// Draws the synapses of `config`: the first half with the first sigma, then the second half
-    /// with the second.
+    /// with the second. A row is given when the `lines_ahead` lines below it have come.
     ///
     /// # Errors
     /// [`ConfigError`] when sigma or support are out of their range, or the arena has fewer than
     /// [`Sampler::words`] left.
-    pub fn new(config: &Config, arena: &mut Arena<'m>) -> Result<Self, ConfigError> {
+    pub fn new(
+        config: &Config,
+        lines_ahead: u32,
+        arena: &mut Arena<'m>,
+    ) -> Result<Self, ConfigError> {
         let parameters = &config.parameters;
         let count = usize::from(parameters.synapses);
         let stored_offsets: &'m mut [StoredOffset] = arena.take(count)?;
@@ -51,7 +55,7 @@ impl<'m> Sampler<'m> {
         Ok(Self {
             synapses: Synapses::from_stored(stored_offsets),
             region: config.region,
-            reach_lines: parameters.support.y_px.into(),
+            lines_ahead,
             next_row: 0,
         })
     }
@@ -76,8 +80,8 @@ impl<'m> Sampler<'m> {
     /// Returns the next row inside the region if all of its lines are among the `lines_in` that
     /// have come. If no more come (`finishing`), returns the next row inside the region.
     pub fn next_row(&mut self, lines_in: u32, finishing: bool) -> Option<u32> {
-        let reach = if finishing { 0 } else { self.reach_lines };
-        while lines_in > self.next_row + reach {
+        let ahead = if finishing { 0 } else { self.lines_ahead };
+        while lines_in > self.next_row + ahead {
             let row = self.next_row;
             self.next_row += 1;
             if self.region.contains_line(row) {

@@ -77,7 +77,8 @@ const fn view_size(config: &Config) -> ViewSize {
         smoothed_lines: 0,
         smoothed_padding: 0,
         smoothing_step: 0,
-        moving: false,
+        moving_lines: 0,
+        smoothing_latency_lines: 0,
         valid_lines: support.y_px as usize + 1,
     }
 }
@@ -111,7 +112,7 @@ impl<'m, K: Kernels> RecallMatcher<'m, K> {
         let synapses = usize::from(config.parameters.synapses);
         Ok(Self {
             kernels,
-            sampler: Sampler::new(config, arena)?,
+            sampler: Sampler::new(config, config.parameters.support.y_px.into(), arena)?,
             views: ViewPair::new(
                 config.reference,
                 [view_size(config); 2],

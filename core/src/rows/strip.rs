@@ -5,8 +5,8 @@
 //! below the last, the nearest line stands in. The memory of a strip does not depend on the
 //! number of lines of the image.
 
-use super::arena::{Arena, OutOfMemory, words};
-use super::copy::copy_common;
+use super::arena::{Arena, OutOfMemory};
+use super::moved::{CameLines, RowOffsets};
 use super::ring::Ring;
 
 /// A displacement between two pixels.
@@ -32,8 +32,8 @@ pub enum Order {
 pub struct Strip<'m> {
     ring: Ring<'m, u8>,
     order: Order,
-    /// The newest line as it came, in stored order, if lines are moved; else empty.
-    newest: &'m mut [u8],
+    /// The newest lines as they came, in stored order, if lines are moved.
+    came: Option<CameLines<'m>>,
 }
 
 impl<'m> Strip<'m> {
@@ -58,23 +58,24 @@ impl<'m> Strip<'m> {
         Ok(Self {
             ring: Ring::new(width, padding, depth, 0, arena)?,
             order,
-            newest: Default::default(),
+            came: None,
         })
     }
 
-    /// Words of memory that [`Strip::moving`] takes.
+    /// Words of memory that [`Strip::moving`] takes: `reach_lines` lines of `width` bytes.
     #[must_use]
-    pub const fn moving_words(width: usize) -> usize {
-        words(width, 1)
+    pub const fn moving_words(width: usize, reach_lines: usize) -> usize {
+        CameLines::words(width, reach_lines)
     }
 
-    /// Takes the memory that [`Strip::push_moved`] needs.
+    /// Takes the memory that [`Strip::push_moved`] needs to move pixels by up to `reach_lines` lines; the
+    /// strip keeps one line more at least.
     ///
     /// # Errors
     /// [`OutOfMemory`] if the arena has fewer than [`Strip::moving_words`] left.
-    pub fn moving(self, arena: &mut Arena<'m>) -> Result<Self, OutOfMemory> {
+    pub fn moving(self, reach_lines: usize, arena: &mut Arena<'m>) -> Result<Self, OutOfMemory> {
         Ok(Self {
-            newest: arena.take(self.ring.width())?,
+            came: Some(CameLines::new(self.ring.width(), reach_lines, arena)?),
             ..self
         })
     }
@@ -94,6 +95,9 @@ impl<'m> Strip<'m> {
     /// Forgets all lines: the next one pushed is line 0.
     pub fn clear(&mut self) {
         self.ring.clear();
+        if let Some(came) = &mut self.came {
+            came.clear();
+        }
     }
 
     /// Stores the next line over the oldest: `write` writes its pixels from the left.
@@ -124,44 +128,22 @@ impl<'m> Strip<'m> {
         self.ring.replicate_edges(line);
     }
 
-    /// Stores the next line of a view whose lines lie `offset_q4` too low, 1/16 line, -16 to 16,
-    /// and moves it to its place: each line is mixed with the line above, or below, by its share.
-    /// The line below comes with the next push; until then, a line that lies too low is stored as
-    /// it came. `write` writes its pixels from the left, and `mend` changes them in stored order before
-    /// they are moved.
+    /// Stores the next line of a view and moves its pixels to their places, which lie `offsets` above: each
+    /// is mixed from the two lines about its place. A pixel that lies too low is stored as it came until the
+    /// lines below have come with the next pushes. `write` writes the pixels from the left, and `mend`
+    /// changes them in stored order before they are moved.
     ///
     /// A strip that is not [`Strip::moving`] moves no line.
     pub fn push_moved(
         &mut self,
-        offset_q4: i8,
+        offsets: RowOffsets,
         write: impl FnOnce(&mut [u8]),
         mend: impl FnOnce(&mut [u8]),
     ) {
         self.push_mended(write, mend);
-        let line = self.lines() - 1;
-        if self.newest.is_empty() {
-            return;
+        if let Some(came) = &mut self.came {
+            came.move_newest(&mut self.ring, offsets);
         }
-        let newest = core::mem::take(&mut self.newest);
-        let share_q4 = u16::from(offset_q4.unsigned_abs().min(16));
-        if offset_q4 > 0 && line > 0 {
-            for (newest, &below) in newest.iter_mut().zip(self.row(line)) {
-                *newest = mix(*newest, below, share_q4);
-            }
-            self.store(line - 1, |row| copy_common(row, newest));
-        }
-        if offset_q4 < 0 && line > 0 {
-            self.store(line, |row| {
-                for (newest, level) in newest.iter_mut().zip(row) {
-                    let came = *level;
-                    *level = mix(*newest, came, 16 - share_q4);
-                    *newest = came;
-                }
-            });
-        } else {
-            copy_common(newest, self.row(line));
-        }
-        self.newest = newest;
     }
 
     /// The `count` pixels of a line from stored position `from` on, in stored order. They may lie
@@ -287,14 +269,6 @@ impl<'a> StripWindow<'a> {
     }
 }
 
-/// Mixes `share_q4` sixteenths of `other` into `level`, rounded to nearest.
-#[inline(always)]
-fn mix(level: u8, other: u8, share_q4: u16) -> u8 {
-    // Sixteen shares of 8 bits, and the result is one.
-    let sum = u16::from(level) * (16 - share_q4) + u16::from(other) * share_q4;
-    ((sum + 8) >> 4) as u8
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -403,62 +377,5 @@ mod tests {
             assert!(strip.run(0, -2, 4).is_empty());
             assert!(strip.run(0, 0, 6).is_empty());
         }
-    }
-
-    /// Compared with mixing whole images: each line of the strip is a mixture of the two lines
-    /// about its place.
-    #[test]
-    fn moved_lines_are_mixed_from_the_lines_about_their_place() {
-        let (width, depth) = (7, 5);
-        let mut random = Pcg32::seed_from_u64(3);
-        let lines: [[u8; 7]; 12] =
-            core::array::from_fn(|_| core::array::from_fn(|_| random.next_u32() as u8));
-        for order in [Order::Columns, Order::Mirrored] {
-            for offset_q4 in -16..=16_i8 {
-                let mut block = [0; 64];
-                let words = Strip::words(width, 2, depth) + Strip::moving_words(width);
-                let mut arena = Arena::new(&mut block[..words]);
-                let strip = Strip::new(width, 2, depth, order, &mut arena).unwrap();
-                let mut strip = strip.moving(&mut arena).unwrap();
-                assert_eq!(arena.free_words(), 0);
-                for (y, line) in lines.iter().enumerate() {
-                    strip.push_moved(offset_q4, |row| row.copy_from_slice(line), |_| {});
-                    for line in y.saturating_sub(depth - 1)..=y {
-                        // Lines further down have not come yet; a line above the first never comes.
-                        let place_q4 = 16 * line as i32 + i32::from(offset_q4);
-                        let is_there = place_q4 >= 0 && place_q4 <= 16 * y as i32;
-                        let place_q4 = if is_there { place_q4 } else { 16 * line as i32 };
-                        let (above, below) = (place_q4 / 16, (place_q4 + 15) / 16);
-                        let share = f64::from(place_q4 % 16) / 16.0;
-                        let pairs = lines[above as usize].iter().zip(&lines[below as usize]);
-                        // To nearest, halves up.
-                        let mixed = pairs.map(|(&above, &below)| {
-                            let (above, below) = (f64::from(above), f64::from(below));
-                            (above + (below - above) * share + 0.5).floor() as u8
-                        });
-                        let mut expected: std::vec::Vec<u8> = mixed.collect();
-                        if order == Order::Mirrored {
-                            expected.reverse();
-                        }
-                        let found = strip.row(line as u32);
-                        assert_eq!(
-                            found, expected,
-                            "{order:?}, {offset_q4}, line {line} of {y}"
-                        );
-                    }
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn a_strip_that_is_not_moving_moves_no_line() {
-        let mut block = [0; 16];
-        let mut arena = Arena::new(&mut block);
-        let mut strip = Strip::new(3, 0, 3, Order::Columns, &mut arena).unwrap();
-        strip.push_moved(8, |row| row.copy_from_slice(&[1, 2, 3]), |_| {});
-        strip.push_moved(8, |row| row.copy_from_slice(&[9, 9, 9]), |_| {});
-        assert_eq!(strip.row(0), [1, 2, 3]);
-        assert_eq!(strip.row(1), [9, 9, 9]);
     }
 }

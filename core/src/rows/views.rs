@@ -5,6 +5,7 @@ use core::ops::Range;
 use super::arena::{Arena, OutOfMemory};
 use super::copy::copy_common;
 use super::line::Line;
+use super::moved::RowOffsets;
 use super::runs::ValidRuns;
 use super::strip::{Order, Strip};
 use crate::disparity::Reference;
@@ -19,6 +20,7 @@ pub struct View<'m> {
     /// Smoothed grey. The newest line is stored unsmoothed until the line below comes.
     smoothed: Option<Strip<'m>>,
     step_max: u8,
+    smoothing_latency_lines: u32,
     /// For each line, the run of stored positions that the camera saw.
     valid: ValidRuns<'m>,
     order: Order,
@@ -43,8 +45,11 @@ pub struct ViewSize {
     pub smoothed_padding: usize,
     /// Largest step between neighbours that is smoothed, levels.
     pub smoothing_step: u8,
-    /// Whether lines are moved up or down by a fraction of a line: see [`Strip::push_moved`].
-    pub moving: bool,
+    /// By how many lines pixels are moved up or down at most: see [`Strip::push_moved`]. 0 if lines are used
+    /// as they come.
+    pub moving_lines: usize,
+    /// Number of lines after a line that must come, besides the one below it, before the line is smoothed.
+    pub smoothing_latency_lines: usize,
     /// Number of lines whose valid columns are kept.
     pub valid_lines: usize,
 }
@@ -53,11 +58,7 @@ impl ViewSize {
     /// Words of memory of such a view.
     #[must_use]
     pub const fn words(&self) -> usize {
-        let moving = if self.moving {
-            Strip::moving_words(self.width)
-        } else {
-            0
-        };
+        let moving = Strip::moving_words(self.width, self.moving_lines);
         let mut total = 0;
         if self.grey_lines > 0 {
             total += Strip::words(self.width, self.grey_padding, self.grey_lines) + moving;
@@ -91,25 +92,28 @@ impl<'m> View<'m> {
         let width = size.width;
         let mut strip = |padding, lines, moving| {
             let strip = Strip::new(width, padding, lines, order, arena)?;
-            if moving {
-                strip.moving(arena)
-            } else {
-                Ok(strip)
+            match moving {
+                0 => Ok(strip),
+                lines => strip.moving(lines, arena),
             }
         };
         let grey = strip(
             size.grey_padding,
             size.grey_lines,
-            size.moving && size.grey_lines > 0,
+            if size.grey_lines > 0 {
+                size.moving_lines
+            } else {
+                0
+            },
         )?;
         let colour = if size.colour_lines > 0 {
-            let mut channel = || strip(size.colour_padding, size.colour_lines, size.moving);
+            let mut channel = || strip(size.colour_padding, size.colour_lines, size.moving_lines);
             Some([channel()?, channel()?, channel()?])
         } else {
             None
         };
         let smoothed = if size.smoothed_lines > 0 {
-            Some(strip(size.smoothed_padding, size.smoothed_lines, false)?)
+            Some(strip(size.smoothed_padding, size.smoothed_lines, 0)?)
         } else {
             None
         };
@@ -118,6 +122,7 @@ impl<'m> View<'m> {
             colour,
             smoothed,
             step_max: size.smoothing_step,
+            smoothing_latency_lines: size.smoothing_latency_lines as u32,
             valid: ValidRuns::new(size.valid_lines, arena)?,
             order,
         })
@@ -125,16 +130,15 @@ impl<'m> View<'m> {
 
     /// Takes the next line, of the view's width, with colour where the view keeps it.
     pub fn push(&mut self, line: &(impl Line + ?Sized), kernels: &impl Kernels) {
-        self.push_mended(line, 0, |_, _| None, kernels);
+        self.push_mended(line, RowOffsets::NONE, |_, _| None, kernels);
     }
 
-    /// Takes the next line of a view whose lines lie `offset_q4` too low, 1/16 line: see
-    /// [`Strip::push_moved`]. Before that, its levels are converted by what `conversion` returns for its
+    /// Takes the next line of a view and moves it by `offsets`: see [`Strip::push_moved`]. Before that, its levels are converted by what `conversion` returns for its
     /// grey and the positions that the camera saw, both in stored order.
     fn push_mended(
         &mut self,
         line: &(impl Line + ?Sized),
-        offset_q4: i8,
+        offsets: RowOffsets,
         conversion: impl FnOnce(&[u8], Range<usize>) -> Option<LevelConversion>,
         kernels: &impl Kernels,
     ) {
@@ -149,7 +153,7 @@ impl<'m> View<'m> {
         let mut found = None;
         if self.grey.keeps_lines() {
             self.grey.push_moved(
-                offset_q4,
+                offsets,
                 |row| line.write_grey(row),
                 |row| {
                     found = conversion(row, valid);
@@ -161,7 +165,7 @@ impl<'m> View<'m> {
         if let Some(colour) = &mut self.colour {
             for (channel, strip) in colour.iter_mut().enumerate() {
                 strip.push_moved(
-                    offset_q4,
+                    offsets,
                     |row| line.write_channel(channel, row),
                     |row| convert_inside(row, found),
                 );
@@ -174,17 +178,17 @@ impl<'m> View<'m> {
         self.step_max = step;
     }
 
-    /// Smooths the line above the newest, which has now come. A line that was moved when the newest
-    /// came is smoothed as moved.
+    /// Smooths the line above the newest, or that as many lines higher as pixels wait for to be moved. The
+    /// lines below it are not smoothed yet.
     fn smooth(&mut self, kernels: &impl Kernels) {
         let (Some(smoothed), Some(newest)) = (&mut self.smoothed, self.grey.lines().checked_sub(1))
         else {
             return;
         };
         let grey = &self.grey;
-        if let Some(line) = newest.checked_sub(1) {
+        if let Some(line) = newest.checked_sub(1 + self.smoothing_latency_lines) {
             // The padding is at least one pixel if lines are smoothed.
-            let around = [line.saturating_sub(1), line, newest].map(|line| grey.padded(line));
+            let around = [line.saturating_sub(1), line, line + 1].map(|line| grey.padded(line));
             smoothed.store(line, |levels| {
                 kernels.smooth_row(around, self.step_max, levels);
             });
@@ -327,17 +331,17 @@ impl<'m> ViewPair<'m> {
         right: &(impl Line + ?Sized),
         kernels: &impl Kernels,
     ) {
-        self.push_mended(left, right, 0, |_| None, kernels);
+        self.push_mended(left, right, RowOffsets::NONE, |_| None, kernels);
     }
 
     /// Takes the next line of each camera. The levels of the other view's line are converted by what
     /// `conversion` returns for both lines, but for those at either end of the range; then that line is
-    /// moved, as it lies `offset_q4` too low, 1/16 line: see [`Strip::push_moved`].
+    /// moved by `offsets`: see [`Strip::push_moved`].
     pub(crate) fn push_mended(
         &mut self,
         left: &(impl Line + ?Sized),
         right: &(impl Line + ?Sized),
-        offset_q4: i8,
+        offsets: RowOffsets,
         conversion: impl FnOnce(NewestRows<'_>) -> Option<LevelConversion>,
         kernels: &impl Kernels,
     ) {
@@ -348,12 +352,12 @@ impl<'m> ViewPair<'m> {
             Reference::Left => {
                 reference.push(left, kernels);
                 let conversion = reference.beside_newest(conversion);
-                other.push_mended(right, offset_q4, conversion, kernels);
+                other.push_mended(right, offsets, conversion, kernels);
             }
             Reference::Right => {
                 reference.push(right, kernels);
                 let conversion = reference.beside_newest(conversion);
-                other.push_mended(left, offset_q4, conversion, kernels);
+                other.push_mended(left, offsets, conversion, kernels);
             }
         }
     }

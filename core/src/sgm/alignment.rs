@@ -10,8 +10,8 @@
 //! The running mean along the line is subtracted from differences and gradients, so that neither
 //! shading nor a gain that changes along the line is mistaken for an offset.
 
-use crate::config::Support;
 use crate::kernel::LevelConversion;
+use crate::rows::{OFFSET_BITS, RowOffsets};
 
 /// Largest difference of levels that is used: larger ones stem from wrong matches or occlusion
 /// rather than from the offset.
@@ -19,13 +19,16 @@ const DIFFERENCE_MAX: u32 = 24;
 /// Largest difference between the lines above and below that is used: larger ones are edges, at
 /// which levels do not follow the gradient.
 const GRADIENT_MAX: u32 = 64;
-/// Smallest sum of the squares of the gradients from which an offset is estimated; the noise of a
-/// camera then makes it uncertain by about 1/16 line.
+/// Smallest sum of the squares of the gradients from which offsets are estimated; the noise of a
+/// camera then makes them uncertain by about 1/16 line.
 const EVIDENCE_MIN: i64 = 30_000;
-/// Smallest change of the offset, 1/256 line: more than that uncertainty.
-const CHANGE_MIN_Q8: i64 = 24;
-/// Fading of the sums: they lose 1/16 with every line.
-const FADING_SHIFT: u32 = 4;
+/// Weight of what is known without matches, as a square of gradients: that the offset does not change, in the
+/// middle and at a quarter of the width from it.
+const PRIOR: i64 = 15_000;
+/// Smallest change of the offset at either end of the line, 24/256 line: more than that uncertainty.
+const CHANGE_MIN_Q24: i64 = 24 << (OFFSET_BITS - 8);
+/// Fading of the sums: they lose 1/8 with every line.
+const FADING_SHIFT: u32 = 3;
 /// Length of the running means along the line: about 8 matches.
 const MEAN_SHIFT: u32 = 3;
 
@@ -49,45 +52,136 @@ pub(super) struct Match {
     pub(super) subpixel_q4: i16,
 }
 
-/// The running estimate of the offset.
+/// Sums over the matches of lines: of the squares of the gradients, where a gradient is the line below less
+/// the line above, and of the products of gradients and differences; each also with the position x of the
+/// match in the other view, from the middle of its line.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+struct Sums {
+    squares: i64,
+    squares_x: i64,
+    squares_xx: i64,
+    products: i64,
+    products_x: i64,
+}
+
+impl Sums {
+    /// The sums of the matches of a row, given in the order of the line. `conversion` is that of grey
+    /// levels.
+    fn of(
+        matches: impl Iterator<Item = Match>,
+        rows: GreyRows<'_>,
+        conversion: &LevelConversion,
+    ) -> Self {
+        let middle = (rows.own.len() / 2) as i32;
+        let (mut squares, mut products) = (0_i32, 0_i32);
+        let (mut squares_x, mut squares_xx, mut products_x) = (0_i64, 0_i64, 0_i64);
+        let (mut mean_difference_q3, mut mean_gradient_q3) = (0, 0);
+        for found in matches {
+            let Some((difference, gradient)) = compare(found, rows, conversion) else {
+                continue;
+            };
+            if difference.unsigned_abs() > DIFFERENCE_MAX || gradient.unsigned_abs() > GRADIENT_MAX
+            {
+                continue;
+            }
+            mean_difference_q3 += difference - (mean_difference_q3 >> MEAN_SHIFT);
+            mean_gradient_q3 += gradient - (mean_gradient_q3 >> MEAN_SHIFT);
+            let difference_q3 = (difference << MEAN_SHIFT) - mean_difference_q3;
+            let gradient_q3 = (gradient << MEAN_SHIFT) - mean_gradient_q3;
+            // Each is at most (16 * 64)^2 / 64, and fewer than 2^15 matches of a line are used.
+            let square = (gradient_q3 * gradient_q3) >> (2 * MEAN_SHIFT);
+            let product = (gradient_q3 * difference_q3) >> (2 * MEAN_SHIFT);
+            // Within 2^15 of the middle.
+            let x = found.other_position as i32 - middle;
+            squares += square;
+            products += product;
+            squares_x += i64::from(square * x);
+            squares_xx += i64::from(square * x) * i64::from(x);
+            products_x += i64::from(product * x);
+        }
+        Self {
+            squares: squares.into(),
+            squares_x,
+            squares_xx,
+            products: products.into(),
+            products_x,
+        }
+    }
+
+    /// Adds the sums of a row to those of the rows above, which fade.
+    fn add(&mut self, row: &Self) {
+        for (sum, row) in [
+            (&mut self.squares, row.squares),
+            (&mut self.squares_x, row.squares_x),
+            (&mut self.squares_xx, row.squares_xx),
+            (&mut self.products, row.products),
+            (&mut self.products_x, row.products_x),
+        ] {
+            *sum += row - (*sum >> FADING_SHIFT);
+        }
+    }
+
+    /// By how much the pixels of rows of `width` px lie too low, by least squares. One match more says that
+    /// they do not, so that little evidence makes no large tilt.
+    fn fit(&self, width: usize) -> RowOffsets {
+        let quarter = (width / 4) as i64;
+        let [n, x, xx, p, px] = [
+            self.squares + PRIOR,
+            self.squares_x,
+            self.squares_xx + PRIOR * quarter * quarter,
+            // Gradients are over two lines.
+            2 * self.products,
+            2 * self.products_x,
+        ]
+        .map(|sum| sum as f64);
+        // The divisors are positive, as no match outweighs the prior.
+        let tilt = (px - p * x / n) / (xx - x * x / n);
+        let shift = (p - x * tilt) / n;
+        let [shift_q24, tilt_q24] =
+            [shift, tilt].map(|lines| (lines * f64::from(1 << OFFSET_BITS)) as i32);
+        RowOffsets {
+            shift_q24,
+            tilt_q24,
+        }
+    }
+}
+
+/// The running estimate of the offsets.
 #[derive(Debug)]
 pub(super) struct Alignment {
-    offset_q4: i8,
-    offset_max_q4: u8,
-    /// Number of rows still to come whose lines were not all moved by the current offset.
-    settling_lines: u8,
-    settling_lines_max: u8,
-    /// Decayed sum of `g^2`, where the gradient `g` is the line below less the line above.
-    squares: i64,
-    /// Decayed sum of `g` times the difference of the levels.
-    products: i64,
+    offsets: RowOffsets,
+    width: usize,
+    shift_max_q24: i32,
+    /// Number of rows still to come whose lines were not all moved by the current offsets.
+    settling_lines: u32,
+    settling_lines_max: u32,
+    sums: Sums,
 }
 
 impl Alignment {
-    /// An estimate of 0, limited to `offset_max_q4`, 1/16 line, at most 16, in either direction.
-    /// `support` is that of the patterns.
-    pub(super) const fn new(offset_max_q4: u8, support: Support) -> Self {
+    /// An estimate of 0 for lines of `width` px. Offsets are limited to `lines_max` lines, at most 4, in either
+    /// direction; `lines_ahead` lines come before a row is matched.
+    pub(super) fn new(width: usize, lines_max: u8, lines_ahead: u32) -> Self {
         Self {
-            offset_q4: 0,
-            offset_max_q4,
+            offsets: RowOffsets::NONE,
+            width,
+            shift_max_q24: i32::from(lines_max) << OFFSET_BITS,
             settling_lines: 0,
-            settling_lines_max: support.y_px.saturating_add(2),
-            squares: 0,
-            products: 0,
+            settling_lines_max: lines_ahead + 2,
+            sums: Sums::default(),
         }
     }
 
     /// Forgets the frame.
     pub(super) fn reset(&mut self) {
-        self.offset_q4 = 0;
+        self.offsets = RowOffsets::NONE;
         self.settling_lines = 0;
-        self.squares = 0;
-        self.products = 0;
+        self.sums = Sums::default();
     }
 
-    /// The offset by which the lines of the other view lie too low, 1/16 line.
-    pub(super) fn offset_q4(&self) -> i8 {
-        self.offset_q4
+    /// By how much the pixels of the other view lie too low, in its stored order.
+    pub(super) fn offsets(&self) -> RowOffsets {
+        self.offsets
     }
 
     /// Learns from the matches of a row, given in the order of the line. `conversion` is that of
@@ -102,50 +196,35 @@ impl Alignment {
             self.settling_lines -= 1;
             return;
         }
-        let (mut squares, mut products) = (0_i32, 0_i32);
-        let (mut mean_difference_q3, mut mean_gradient_q3) = (0, 0);
-        for found in matches {
-            let Some((difference, gradient)) = compare(found, rows, conversion) else {
-                continue;
-            };
-            if difference.unsigned_abs() > DIFFERENCE_MAX || gradient.unsigned_abs() > GRADIENT_MAX
-            {
-                continue;
-            }
-            mean_difference_q3 += difference - (mean_difference_q3 >> MEAN_SHIFT);
-            mean_gradient_q3 += gradient - (mean_gradient_q3 >> MEAN_SHIFT);
-            let difference_q3 = (difference << MEAN_SHIFT) - mean_difference_q3;
-            let gradient_q3 = (gradient << MEAN_SHIFT) - mean_gradient_q3;
-            // Each square is at most (16 * 64)^2 / 64, and fewer than 2^15 matches of a line are
-            // used.
-            squares += (gradient_q3 * gradient_q3) >> (2 * MEAN_SHIFT);
-            products += (gradient_q3 * difference_q3) >> (2 * MEAN_SHIFT);
+        self.sums.add(&Sums::of(matches, rows, conversion));
+        if self.sums.squares >= EVIDENCE_MIN {
+            self.conclude();
         }
-        self.squares += i64::from(squares) - (self.squares >> FADING_SHIFT);
-        self.products += i64::from(products) - (self.products >> FADING_SHIFT);
-        self.conclude();
     }
 
-    /// Changes the offset if the sums show a clear deviation. One division per line.
+    /// Changes the offsets if the sums show a clear deviation.
     fn conclude(&mut self) {
-        if self.squares < EVIDENCE_MIN {
+        let change = self.sums.fit(self.width);
+        let half = (self.width / 2) as i64;
+        let (shift, at_end) = (
+            i64::from(change.shift_q24),
+            i64::from(change.tilt_q24) * half,
+        );
+        let largest = (shift + at_end).abs().max((shift - at_end).abs());
+        if largest < CHANGE_MIN_Q24 {
             return;
         }
-        // The gradient is over two lines. Bounded well within 32 bits, as differences and
-        // gradients are.
-        let change_q8 = (self.products << 9)
-            .div_euclid(self.squares)
-            .clamp(-256, 256);
-        if change_q8.abs() < CHANGE_MIN_Q8 {
-            return;
-        }
-        let most = i64::from(self.offset_max_q4);
-        let moved_q4 = (i64::from(self.offset_q4) * 16 + change_q8 + 8) >> 4;
-        // Within `offset_max_q4`, at most 16.
-        self.offset_q4 = moved_q4.clamp(-most, most) as i8;
+        let tilt_max_q24 = RowOffsets::tilt_max_q24(self.width);
+        let sum = |offset: i32, change: i32, most: i32| {
+            // Not `clamp`, which panics unless its bounds are in order.
+            offset.saturating_add(change).min(most).max(-most)
+        };
+        self.offsets = RowOffsets {
+            shift_q24: sum(self.offsets.shift_q24, change.shift_q24, self.shift_max_q24),
+            tilt_q24: sum(self.offsets.tilt_q24, change.tilt_q24, tilt_max_q24),
+        };
         self.settling_lines = self.settling_lines_max;
-        self.squares = 0;
-        self.products = 0;
+        self.sums = Sums::default();
     }
 }
 
@@ -172,12 +251,10 @@ fn compare(found: Match, rows: GreyRows<'_>, conversion: &LevelConversion) -> Op
 mod tests {
     use super::*;
     use crate::sgm::exposure::Exposure;
-    use rand_core::{Rng, SeedableRng};
-    use rand_pcg::Pcg32;
     use std::vec::Vec;
 
     const WIDTH: usize = 200;
-    const SUPPORT: Support = Support { x_px: 8, y_px: 3 };
+    const LINE: f64 = (1 << OFFSET_BITS) as f64;
 
     /// A texture with a known gradient across lines, and shading along them.
     fn level(x: usize, y_px: f64) -> f64 {
@@ -185,22 +262,34 @@ mod tests {
         120.0 + 30.0 * wave + 0.2 * x as f64
     }
 
-    /// Offsets after each of `lines` lines of views that differ by `offset_px` and by a gain that
-    /// changes along the line.
-    fn learned_q4(offset_px: f64, most_q4: u8, gain_slope: f64, lines: usize) -> Vec<i8> {
-        let mut alignment = Alignment::new(most_q4, SUPPORT);
-        let mut offsets_q4 = Vec::new();
+    /// Offsets at either end of the line, px, after each of `lines` lines of views that differ by
+    /// `ends_px` and by a gain that changes along the line.
+    fn learned_px(
+        ends_px: [f64; 2],
+        lines_max: u8,
+        gain_slope: f64,
+        lines: usize,
+    ) -> Vec<[f64; 2]> {
+        let mut alignment = Alignment::new(WIDTH, lines_max, 5);
+        let place = |x: usize| x as f64 / WIDTH as f64;
+        let mut found = Vec::new();
         for y in 0..lines {
-            // The lines are moved at once, so the remaining offset is less by the one learned.
-            let left_px = offset_px - f64::from(alignment.offset_q4()) / 16.0;
-            let row = |offset_px: f64, dy: f64, slope: f64| -> Vec<u8> {
-                let gain = |x: usize| 1.0 + slope * (x as f64 / WIDTH as f64 - 0.5);
+            // The lines are moved at once, so that the remaining offset is less by the one learned.
+            let learned = alignment.offsets();
+            let left_px = |x: usize| {
+                let [start, end] = ends_px;
+                let from_middle = x as f64 - (WIDTH / 2) as f64;
+                let q24 = f64::from(learned.shift_q24) + f64::from(learned.tilt_q24) * from_middle;
+                start + (end - start) * place(x) - q24 / LINE
+            };
+            let row = |dy: f64, slope: f64, offset_px: &dyn Fn(usize) -> f64| -> Vec<u8> {
+                let gain = |x: usize| 1.0 + slope * (place(x) - 0.5);
                 (0..WIDTH)
-                    .map(|x| (level(x, y as f64 + dy - offset_px) * gain(x)).round() as u8)
+                    .map(|x| (level(x, y as f64 + dy - offset_px(x)) * gain(x)).round() as u8)
                     .collect()
             };
-            let own = row(0.0, 0.0, 0.0);
-            let others = [-1.0, 0.0, 1.0].map(|dy| row(left_px, dy, gain_slope));
+            let own = row(0.0, 0.0, &|_| 0.0);
+            let others = [-1.0, 0.0, 1.0].map(|dy| row(dy, gain_slope, &left_px));
             let matches = (0..WIDTH).step_by(2).map(|position| Match {
                 position,
                 other_position: position,
@@ -211,186 +300,134 @@ mod tests {
                 others: others.each_ref().map(Vec::as_slice),
             };
             alignment.learn(matches, rows, &Exposure::new().conversion(0));
-            offsets_q4.push(alignment.offset_q4());
+            let RowOffsets {
+                shift_q24,
+                tilt_q24,
+            } = alignment.offsets();
+            let half = f64::from(tilt_q24) * (WIDTH / 2) as f64;
+            found.push([-half, half].map(|end| (f64::from(shift_q24) + end) / LINE));
         }
-        offsets_q4
+        found
     }
 
     #[test]
-    fn offsets_of_either_sign_are_found() {
-        for offset_q4 in [-16, -9, -4, 3, 8, 16] {
-            let found = learned_q4(f64::from(offset_q4) / 16.0, 16, 0.0, 100);
+    fn offsets_at_either_end_are_found() {
+        for ends_px in [
+            [1.0, 1.0],
+            [-0.6, -0.6],
+            [0.25, 0.25],
+            [-0.8, 0.8],
+            [0.9, -0.1],
+            [0.0, -0.7],
+        ] {
+            let found = learned_px(ends_px, 2, 0.0, 150);
             let last = *found.last().unwrap();
-            assert!(last.abs_diff(offset_q4) <= 2, "{last} for {offset_q4}");
+            for (found, expected) in last.into_iter().zip(ends_px) {
+                // Changes below 24/256 line are not made.
+                assert!((found - expected).abs() < 0.14, "{last:?} for {ends_px:?}");
+            }
         }
     }
 
     #[test]
     fn offsets_stay_within_their_bound() {
-        assert_eq!(learned_q4(1.0, 6, 0.0, 100).last(), Some(&6));
-        assert_eq!(learned_q4(-1.0, 6, 0.0, 100).last(), Some(&-6));
-        assert!(learned_q4(1.0, 0, 0.0, 100).iter().all(|&found| found == 0));
+        let end = |offset_px, lines_max| {
+            let found = learned_px([offset_px; 2], lines_max, 0.0, 150);
+            let [start, end] = *found.last().unwrap();
+            0.5 * (start + end)
+        };
+        for side in [-1.0, 1.0] {
+            // The shift of lines that lie lower by a line and a half ends at one.
+            assert_eq!(end(1.5 * side, 1), side);
+            assert_eq!(end(0.8 * side, 0), 0.0);
+        }
+        let mut tilted = Alignment::new(WIDTH, 4, 5);
+        for _ in 0..20 {
+            tilted.sums = Sums {
+                squares: 1 << 20,
+                squares_xx: 1 << 30,
+                products_x: 1 << 30,
+                ..Sums::default()
+            };
+            tilted.conclude();
+        }
+        let most = RowOffsets::tilt_max_q24(WIDTH);
+        assert_eq!(tilted.offsets().tilt_q24, most);
+        assert!(i64::from(most) * (WIDTH as i64 / 2 + 8) <= 1 << 27);
     }
 
     #[test]
     fn a_gain_that_changes_along_the_line_is_no_offset() {
-        let found = learned_q4(0.0, 16, 0.2, 200);
-        assert!(found.iter().all(|&found| found == 0), "{found:?}");
+        let found = learned_px([0.0; 2], 2, 0.2, 200);
+        assert!(found.iter().all(|ends| *ends == [0.0; 2]), "{found:?}");
     }
 
-    /// The estimate in floating point, whose values are whole: floors where the integers shift.
-    #[derive(Debug, Default)]
-    struct Expected {
-        offset_q4: f64,
-        settling_lines: u32,
-        squares: f64,
-        products: f64,
-    }
-
-    impl Expected {
-        fn learn(&mut self, pairs: &[(f64, f64)], most_q4: f64) {
-            if self.settling_lines > 0 {
-                self.settling_lines -= 1;
-                return;
-            }
-            let mut means = [0.0; 2];
-            let mut sums = [0.0; 2];
-            for &(difference, gradient) in pairs {
-                if difference.abs() > 24.0 || gradient.abs() > 64.0 {
-                    continue;
-                }
-                let centred = [difference, gradient].map(|value| 8.0 * value);
-                means[0] += difference - (means[0] / 8.0_f64).floor();
-                means[1] += gradient - (means[1] / 8.0_f64).floor();
-                let [difference, gradient] = [centred[0] - means[0], centred[1] - means[1]];
-                sums[0] += (gradient * gradient / 64.0).floor();
-                sums[1] += (gradient * difference / 64.0).floor();
-            }
-            self.squares += sums[0] - (self.squares / 16.0).floor();
-            self.products += sums[1] - (self.products / 16.0).floor();
-            self.conclude(most_q4);
-        }
-
-        fn conclude(&mut self, most_q4: f64) {
-            if self.squares < 30_000.0 {
-                return;
-            }
-            let change_q8 = (self.products * 512.0 / self.squares)
-                .floor()
-                .clamp(-256.0, 256.0);
-            if change_q8.abs() < 24.0 {
-                return;
-            }
-            let moved_q4 = (self.offset_q4 + (change_q8 + 8.0) / 16.0).floor();
-            self.offset_q4 = moved_q4.clamp(-most_q4, most_q4);
-            self.settling_lines = u32::from(SUPPORT.y_px) + 2;
-            self.squares = 0.0;
-            self.products = 0.0;
-        }
-
-        fn assert_equals(&self, alignment: &Alignment, what: &str) {
-            let found = [
-                f64::from(alignment.offset_q4()),
-                f64::from(alignment.settling_lines),
-                alignment.squares as f64,
-                alignment.products as f64,
-            ];
-            let settling = f64::from(self.settling_lines);
-            let expected = [self.offset_q4, settling, self.squares, self.products];
-            assert_eq!(found, expected, "{what}");
-        }
-    }
-
+    /// The fit of sums of single matches is the one that solves the normal equations, with the match
+    /// that stands for the prior.
     #[test]
-    fn random_lines_are_learned_as_in_floating_point() {
-        for seed in 0..60 {
-            let mut random = Pcg32::seed_from_u64(seed);
-            let most_q4 = [0, 5, 16][seed as usize % 3];
-            let mut alignment = Alignment::new(most_q4, SUPPORT);
-            let mut expected = Expected::default();
-            let conversion = LevelConversion {
-                gain_q12: [4096, 3200, 4900][seed as usize / 3 % 3],
-                offset_q12: [0, 28_000, -49_000][seed as usize / 9 % 3],
-                dead_zone: 0,
-            };
-            for line in 0..40 {
-                // A step between the lines that follows the level, so that an offset shows.
-                let width = 30 + random.next_u32() as usize % 60;
-                let mut row = |around: &dyn Fn(usize) -> i32| -> Vec<u8> {
-                    let mut noise = |x| around(x) + (random.next_u32() % 9) as i32 - 4;
-                    (0..width).map(|x| noise(x).clamp(0, 255) as u8).collect()
-                };
-                let slope = |x: usize| [-40, 25, 62, 9][x / 2 % 4];
-                let middle = row(&|x| 128 + (x as i32 % 5) * 8);
-                let above = row(&|x| i32::from(middle[x]) - slope(x) / 2);
-                let below = row(&|x| i32::from(middle[x]) + slope(x) / 2);
-                let own = row(&|x| {
-                    i32::from(conversion.apply(middle[x])) + slope(x) * (seed as i32 % 7 - 3) / 8
-                });
-                let matches: Vec<Match> = (0..width + 2)
-                    .map(|position| Match {
-                        position,
-                        // At times beyond either end of the row.
-                        other_position: (position + 1).wrapping_sub(random.next_u32() as usize % 3),
-                        subpixel_q4: (random.next_u32() % 17) as i16 - 8,
-                    })
-                    .collect();
-                let pairs: Vec<(f64, f64)> = matches
-                    .iter()
-                    .filter(|found| {
-                        let inner = 1..width - 1;
-                        found.position < width && inner.contains(&found.other_position)
-                    })
-                    .map(|found| {
-                        let at = found.other_position;
-                        let side = f64::from(middle[at + 1]) - f64::from(middle[at - 1]);
-                        let between = (side * f64::from(found.subpixel_q4) / 32.0).floor();
-                        let level = (f64::from(middle[at]) + between).clamp(0.0, 255.0);
-                        let level = f64::from(conversion.apply(level as u8));
-                        let gradient = f64::from(below[at]) - f64::from(above[at]);
-                        (f64::from(own[found.position]) - level, gradient)
-                    })
-                    .collect();
-                let rows = GreyRows {
-                    own: &own,
-                    others: [&above, &middle, &below],
-                };
-                alignment.learn(matches.into_iter(), rows, &conversion);
-                expected.learn(&pairs, f64::from(most_q4));
-                expected.assert_equals(&alignment, &std::format!("seed {seed}, line {line}"));
+    fn the_fit_is_that_of_least_squares() {
+        for (shift, tilt) in [(0.3, 0.004), (-0.9, 0.0), (0.0, -0.01)] {
+            let mut sums = Sums::default();
+            for x in -100..100_i64 {
+                let square = 400 + (x * x) % 97;
+                let product = (square as f64 * (shift + tilt * x as f64) / 2.0).round() as i64;
+                sums.squares += square;
+                sums.squares_x += square * x;
+                sums.squares_xx += square * x * x;
+                sums.products += product;
+                sums.products_x += product * x;
             }
+            // What is left of both equations.
+            let fit = sums.fit(WIDTH);
+            let [a, b] = [fit.shift_q24, fit.tilt_q24].map(|q24| f64::from(q24) / LINE);
+            let [n, x, xx, p, px] = [
+                sums.squares + PRIOR,
+                sums.squares_x,
+                sums.squares_xx + PRIOR * 50 * 50,
+                2 * sums.products,
+                2 * sums.products_x,
+            ]
+            .map(|sum| sum as f64);
+            assert!((n * a + x * b - p).abs() < 1e-4 * n, "{shift} {tilt}");
+            assert!((x * a + xx * b - px).abs() < 1e-4 * xx, "{shift} {tilt}");
             assert!(
-                most_q4 == 0 || seed % 7 == 3 || expected.offset_q4 != 0.0,
-                "seed {seed}"
+                (a - shift).abs() < 0.2 * shift.abs() + 1e-3,
+                "{a} for {shift}"
             );
-            alignment.reset();
-            Expected::default().assert_equals(&alignment, "after a reset");
+            assert!((b - tilt).abs() < 0.2 * tilt.abs() + 5e-5, "{b} for {tilt}");
         }
     }
 
     #[test]
-    fn the_offset_changes_from_the_stated_evidence_and_deviation_on() {
-        for squares in [EVIDENCE_MIN - 1, EVIDENCE_MIN, EVIDENCE_MIN + 1, 1 << 20] {
-            for change_q8 in [-300, -25, -24, -23, -1, 0, 1, 23, 24, 25, 40, 255, 256, 300] {
-                for more in [-1, 0, 1] {
-                    let products = squares * change_q8 / 512 + more;
-                    let mut alignment = Alignment {
-                        offset_q4: 3,
-                        squares,
-                        products,
-                        ..Alignment::new(9, SUPPORT)
-                    };
-                    let mut expected = Expected {
-                        offset_q4: 3.0,
-                        squares: squares as f64,
-                        products: products as f64,
-                        ..Expected::default()
-                    };
-                    alignment.conclude();
-                    expected.conclude(9.0);
-                    expected.assert_equals(&alignment, &std::format!("{squares} {products}"));
-                }
-            }
+    fn offsets_change_from_the_stated_evidence_and_deviation_on() {
+        let after = |squares: i64, change_q8: f64| {
+            let mut alignment = Alignment::new(WIDTH, 1, 5);
+            // The prior takes its part.
+            let products = (squares + PRIOR) as f64 * change_q8 / 512.0;
+            alignment.sums = Sums {
+                squares,
+                products: products.round() as i64,
+                ..Sums::default()
+            };
+            alignment.learn(
+                core::iter::empty(),
+                GreyRows {
+                    own: &[],
+                    others: [&[]; 3],
+                },
+                &Exposure::new().conversion(0),
+            );
+            alignment.offsets() != RowOffsets::NONE
+        };
+        // The sums fade by an eighth before they are looked at.
+        let least = EVIDENCE_MIN * 8 / 7;
+        assert!(!after(least - 8, 100.0) && after(least + 8, 100.0));
+        // The products fade, the prior does not: 24 q8 need more before.
+        let faded =
+            |change_q8: f64| change_q8 * 8.0 / 7.0 * (100_000.0 * 7.0 / 8.0 + 15_000.0) / 115_000.0;
+        for side in [-1.0, 1.0] {
+            assert!(!after(100_000, side * faded(23.9)));
+            assert!(after(100_000, side * faded(24.1)));
         }
     }
 }

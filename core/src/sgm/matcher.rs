@@ -145,7 +145,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         let (width, stride) = (plan.width, plan.stride);
         Ok(Self {
             kernels,
-            sampler: Sampler::new(config, arena)?,
+            sampler: Sampler::new(config, SgmPlan::lines_ahead(config, sgm), arena)?,
             views: ViewPair::new(
                 config.reference,
                 [plan.reference, plan.other],
@@ -153,7 +153,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
                 arena,
             )?,
             exposure: Exposure::new(),
-            alignment: Alignment::new(sgm.line_offset_max_q4, config.parameters.support),
+            alignment: Alignment::new(width, sgm.moving_lines(), SgmPlan::lines_ahead(config, sgm)),
             line_gain: LineGain::new(sgm.line_gain_max_q8, config.disparities),
             masks,
             cell_costs_q8: cell_costs(sgm, arena.take(synapses + 1)?),
@@ -215,13 +215,13 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         left: &(impl Line + ?Sized),
         right: &(impl Line + ?Sized),
     ) -> Option<u32> {
-        let offset_q4 = self.alignment.offset_q4();
+        let offsets = self.alignment.offsets();
         self.views.set_smoothing_step(self.smoothing_step());
         let exposure = self.grey_exposure();
         let line_gain = &mut self.line_gain;
         let conversion = |rows: NewestRows<'_>| line_gain.conversion(&rows, exposure.gain_q12);
         self.views
-            .push_mended(left, right, offset_q4, conversion, &self.kernels);
+            .push_mended(left, right, offsets, conversion, &self.kernels);
         self.match_next(false)
     }
 
@@ -506,7 +506,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         }
         // The gradient is taken from the lines above and below.
         let channels = self.plan.reference.channels();
-        if self.plan.other.moving && line > 0 && line + 1 < self.views.other.lines() {
+        if self.plan.other.moving_lines > 0 && line > 0 && line + 1 < self.views.other.lines() {
             let other = self.views.other.grey();
             let rows = GreyRows {
                 own: grey.row(line),

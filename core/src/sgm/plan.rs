@@ -55,8 +55,10 @@ impl SgmPlan {
         };
         let positions = front + width + behind + stride;
 
-        let ahead = support.y_px as u32;
-        let window = Sampler::window_lines(support.y_px);
+        let moving_lines = sgm.moving_lines() as usize;
+        let moving_latency = sgm.moving_latency_lines() as usize;
+        let ahead = Self::lines_ahead(config, sgm);
+        let window = Sampler::window_lines(support.y_px) + moving_latency;
         // The penalties of the path from above need the line above a row.
         let matching_lines = max(window, ahead as usize + 2);
         let refinement_lines = Self::refinement_depth(config, sgm);
@@ -87,17 +89,22 @@ impl SgmPlan {
             smoothed_lines: if smoothing_step > 0 { window } else { 0 },
             smoothed_padding: support.x_px as usize,
             smoothing_step,
-            moving: false,
+            moving_lines: 0,
+            smoothing_latency_lines: moving_latency,
             // As colour of the other view.
             valid_lines: ahead as usize + 1,
         };
         let other = ViewSize {
-            grey_lines: window,
+            grey_lines: max(window, moving_lines + 1),
             grey_padding: support.x_px as usize,
             // The lines from the newest down to the row.
-            colour_lines: if has_colour { ahead as usize + 1 } else { 0 },
+            colour_lines: if has_colour {
+                max(ahead as usize, moving_lines) + 1
+            } else {
+                0
+            },
             colour_padding: 0,
-            moving: sgm.aligns_lines(),
+            moving_lines,
             ..reference
         };
         let level_bytes = if sgm.difference_weight_q4 > 0 {
@@ -122,10 +129,16 @@ impl SgmPlan {
         }
     }
 
+    /// Number of lines that must come after a line before its row is matched: those that patterns sample, and
+    /// those that pixels wait for to be moved.
+    pub(crate) const fn lines_ahead(config: &Config, sgm: &SgmParameters) -> u32 {
+        config.parameters.support.y_px as u32 + sgm.moving_latency_lines() as u32
+    }
+
     /// Number of lines of the reference view, from the newest, that the refinement reads.
     const fn refinement_depth(config: &Config, sgm: &SgmParameters) -> usize {
         // Number of lines from the newest to the row that enters the stage.
-        let mut delay = config.parameters.support.y_px as usize;
+        let mut delay = Self::lines_ahead(config, sgm) as usize;
         let mut depth = 0;
         let stages = SgmRefiner::stages(config, sgm);
         let mut rest = stages.as_slice();
@@ -181,7 +194,8 @@ impl SgmPlan {
     /// | winners and checks | `13 W + 4 D` |
     /// | rivals, unless left out | `W / 4` |
     pub(crate) const fn parts(&self, config: &Config, sgm: &SgmParameters) -> Parts {
-        let ahead = config.parameters.support.y_px as u32;
+        let ahead = Self::lines_ahead(config, sgm);
+        let above = config.parameters.support.y_px as u32;
         let (width, stride) = (self.width, self.stride);
         let synapses = Sampler::words(config.parameters.synapses)
             + words(config.parameters.synapses as usize + 1, size_of::<u16>());
@@ -206,7 +220,7 @@ impl SgmPlan {
             .and(Part {
                 name: "patterns, then paths from the right",
                 words: words(self.right_path_bytes, 1),
-                look_back_lines: 2 * ahead,
+                look_back_lines: ahead + above,
                 latency_lines: ahead,
             })
             .and(Part {
@@ -240,7 +254,7 @@ mod tests {
             |sgm| sgm.vote = None,
             |sgm| sgm.weighted_median = None,
             |sgm| (sgm.speckle, sgm.vote, sgm.weighted_median) = (None, None, None),
-            |sgm| (sgm.line_offset_max_q4, sgm.difference_weight_q4) = (0, 0),
+            |sgm| (sgm.line_offset_max_lines, sgm.difference_weight_q4) = (0, 0),
         ];
         let ranges = [(0, 1), (0, 48), (-7, 20), (5, 33)];
         for preset in Preset::ALL {

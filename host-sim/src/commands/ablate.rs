@@ -53,7 +53,7 @@ const REMOVALS: [Removal; 18] = [
         std::mem::take(&mut a.difference_weight_q4) > 0
     }),
     ("alignment of lines", |a| {
-        std::mem::take(&mut a.line_offset_max_q4) > 0
+        std::mem::take(&mut a.line_offset_max_lines) > 0
     }),
     ("brightness of lines", |a| {
         std::mem::take(&mut a.line_gain_max_q8) > 0

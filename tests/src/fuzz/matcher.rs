@@ -138,7 +138,7 @@ fn sgm_parameters(u: &mut Unstructured<'_>) -> Result<SgmParameters> {
         evidence_q8: u.arbitrary()?,
         difference_weight_q4: u.int_in_range(0..=weight_max.min(255) as u8)?,
         difference_truncation,
-        line_offset_max_q4: u.int_in_range(0..=16)?,
+        line_offset_max_lines: u.int_in_range(0..=4)?,
         line_gain_max_q8: u.arbitrary()?,
         usual_difference_max: u.arbitrary()?,
         p1: u.int_in_range(0..=p2)?,

@@ -266,15 +266,16 @@ impl Exposure {
     }
 }
 
-/// Vertical offset of the other view's lines, as learned so far, 1/16 of a line; positive if they
-/// lie too low.
+/// Vertical offset of the pixels of the other view, as learned so far: in the middle of the line, and its
+/// increment from pixel to pixel from right to left, 1/2^24 of a line; positive if they lie too low.
 #[derive(Default)]
 struct Alignment {
-    offset: i64,
+    shift: i64,
+    tilt: i64,
     /// Number of rows still to be left out, because lines around them were moved by another offset.
     settling: i32,
-    squares: i64,
-    products: i64,
+    /// Sums of g g, g g x, g g x x, g d and g d x, with the gradient g and the difference d.
+    sums: [i64; 5],
 }
 
 impl Alignment {
@@ -286,7 +287,7 @@ impl Alignment {
         y: i32,
         [reference, other]: [&View; 2],
         exposure: &Exposure,
-        (offset_max, support_y): (u8, u8),
+        (lines_max, support_y): (u8, u8),
     ) {
         if self.settling > 0 {
             self.settling -= 1;
@@ -294,7 +295,7 @@ impl Alignment {
         }
         // Running means of differences and of gradients, times 8.
         let mut means = [0; 2];
-        let (mut squares, mut products) = (0, 0);
+        let mut row = [0; 5];
         for &(x, match_x, beyond) in matches {
             // Only every fourth pixel is used.
             if x % 4 != 0 {
@@ -318,52 +319,85 @@ impl Alignment {
                 means[i] += value - (means[i] >> 3);
                 8 * value - means[i]
             });
-            squares += i64::from((local_gradient * local_gradient) >> 6);
-            products += i64::from((local_gradient * local_difference) >> 6);
+            let square = i64::from((local_gradient * local_gradient) >> 6);
+            let product = i64::from((local_gradient * local_difference) >> 6);
+            let place = i64::from(other.width - 1 - match_x - other.width / 2);
+            let terms = [
+                square,
+                square * place,
+                square * place * place,
+                product,
+                product * place,
+            ];
+            for (sum, term) in row.iter_mut().zip(terms) {
+                *sum += term;
+            }
         }
-        self.squares += squares - (self.squares >> 4);
-        self.products += products - (self.products >> 4);
-        if self.squares < 30_000 {
+        for (sum, row) in self.sums.iter_mut().zip(row) {
+            *sum += row - sum.div_euclid(8);
+        }
+        if self.sums[0] < 30_000 {
             return;
         }
-        let change = (self.products * 512)
-            .div_euclid(self.squares)
-            .clamp(-256, 256);
-        if change.abs() >= 24 {
-            let most = i64::from(offset_max);
-            let offset = (self.offset * 16 + change + 8)
-                .div_euclid(16)
-                .clamp(-most, most);
-            *self = Self {
-                offset,
-                settling: i32::from(support_y) + 2,
-                ..Self::default()
-            };
+        // Regression of 2 d on g, with a weight on no change.
+        let width = i64::from(other.width);
+        let [n, x, xx, p, px] = self.sums;
+        let [n, xx] = [n + 15_000, xx + 15_000 * (width / 4) * (width / 4)];
+        let [n, x, xx, p, px] = [n, x, xx, 2 * p, 2 * px].map(|sum| sum as f64);
+        let tilt = (px - p * x / n) / (xx - x * x / n);
+        let shift = (p - x * tilt) / n;
+        let [shift, tilt] = [shift, tilt].map(|lines| (lines * 16_777_216.0) as i64);
+        let ends = [-1, 1].map(|side| (shift + side * tilt * (width / 2)).abs());
+        if ends.iter().all(|&end| end < 24 << 16) {
+            return;
         }
+        let shift_max = i64::from(lines_max) << 24;
+        // Together with the largest shift less than 16 lines.
+        let tilt_max = (8 << 24) / (width / 2 + 8);
+        *self = Self {
+            shift: (self.shift + shift).clamp(-shift_max, shift_max),
+            tilt: (self.tilt + tilt).clamp(-tilt_max, tilt_max),
+            settling: i32::from(support_y) + i32::from(lines_max) + 1,
+            sums: [0; 5],
+        };
     }
 
-    /// Writes line `y` of the moved view as the strip has it when the line arrives, and updates the
-    /// line above it.
-    fn moved(&self, raw: &View, y: i32, view: &mut View) {
+    /// The offset of a pixel of the other view, 1/16 of a line: that of the middle of its block of eight.
+    fn offset_q4(&self, x: i32, width: i32, lines_max: u8) -> i32 {
+        let block = (width - 1 - x).div_euclid(8);
+        let from_middle = i64::from(8 * block + 4 - width / 2);
+        let offset = (self.shift + self.tilt * from_middle + (1 << 19)).div_euclid(1 << 20);
+        let most = 16 * i64::from(lines_max);
+        offset.clamp(-most, most) as i32
+    }
+
+    /// Writes line `y` of the moved view as the strip has it when the line arrives, and the pixels of the
+    /// lines above that lie between it and the line before.
+    fn moved(&self, raw: &View, y: i32, lines_max: u8, view: &mut View) {
         let planes = raw.channels.iter().chain([&raw.grey]);
         let moved = view.channels.iter_mut().chain([&mut view.grey]);
+        let width = raw.width;
         for (raw, moved) in planes.zip(moved) {
+            let row = |y: i32| (y.max(0) * width) as usize;
             for x in 0..raw.len() / view.height as usize {
-                let width = view.width;
-                let at = |y: i32| (y * width) as usize + x;
-                moved[at(y)] = raw[at(y)];
-                if y == 0 || self.offset == 0 {
+                moved[row(y) + x] = raw[row(y) + x];
+                let offset = self.offset_q4(x as i32, width, lines_max);
+                // The line whose pixel lies after the line before and up to this one, if it lies too low;
+                // else this line.
+                let line = if offset > 0 {
+                    y - (offset + 15) / 16
+                } else {
+                    y
+                };
+                if line < 0 {
                     continue;
                 }
-                let (above, below) = (i64::from(raw[at(y - 1)]), i64::from(raw[at(y)]));
-                // Position between the two lines, 1/16 of a line below the upper one.
-                let place = if self.offset > 0 {
-                    self.offset
-                } else {
-                    16 + self.offset
-                };
-                let mixed = ((above * (16 - place) + below * place + 8) >> 4) as i32;
-                moved[at(if self.offset > 0 { y - 1 } else { y })] = mixed;
+                let place = 16 * line + offset;
+                let above = place.div_euclid(16);
+                let share = place.rem_euclid(16);
+                let mixed =
+                    raw[row(above) + x] * (16 - share) + raw[row((above + 1).min(y)) + x] * share;
+                moved[row(line) + x] = (mixed + 8) >> 4;
             }
         }
     }
@@ -527,16 +561,17 @@ impl LineGain {
     }
 }
 
-/// Takes line `y` as the strip has it when it arrives, and smooths the line above it.
-fn smooth(view: &View, y: i32, step_max: i32, smoothed: &mut [i32]) {
+/// Takes line `y` as the strip has it when it arrives, and smooths the line `latency` lines above it.
+fn smooth(view: &View, y: i32, latency: i32, step_max: i32, smoothed: &mut [i32]) {
     for x in 0..view.width {
         smoothed[view.index(x, y)] = view.grey(x, y);
-        if y == 0 {
+        let line = y - latency;
+        if line < 0 {
             continue;
         }
-        let own = view.grey(x, y - 1);
+        let own = view.grey(x, line);
         let near = |dx: i32, dy: i32| {
-            let level = view.grey(x + dx, y - 1 + dy);
+            let level = view.grey(x + dx, line + dy);
             if (level - own).abs() <= step_max {
                 level
             } else {
@@ -549,7 +584,7 @@ fn smooth(view: &View, y: i32, step_max: i32, smoothed: &mut [i32]) {
             half(near(1, -1), near(1, 1)),
         );
         let edges = half(half(near(0, -1), near(0, 1)), half(near(-1, 0), near(1, 0)));
-        smoothed[view.index(x, y - 1)] = half(edges, half(own, corners));
+        smoothed[view.index(x, line)] = half(edges, half(own, corners));
     }
 }
 
@@ -587,6 +622,13 @@ fn find(
         zone => (zone - i32::from(a.usual_difference_max)).max(0),
     };
     let support_y = config.parameters.support.y_px;
+    let lines_max = if full_weight > 0 {
+        a.line_offset_max_lines
+    } else {
+        0
+    };
+    // Lines that pixels wait for, besides one.
+    let waiting = i32::from(lines_max.max(1)) - 1;
     let mut alignment = Alignment::default();
     let mut line_gain = LineGain::default();
     let mut mended_other = raw_other.clone();
@@ -601,7 +643,7 @@ fn find(
         .into_iter()
         .chain((0..height).map(|y| (y, false)))
     {
-        while lines_in < height && lines_in <= y + i32::from(support_y) {
+        while lines_in < height && lines_in <= y + i32::from(support_y) + waiting {
             line_gain.mend(
                 [reference, raw_other],
                 lines_in,
@@ -610,11 +652,11 @@ fn find(
                 config,
                 &mut mended_other,
             );
-            alignment.moved(&mended_other, lines_in, &mut other);
+            alignment.moved(&mended_other, lines_in, lines_max, &mut other);
             if smooths {
                 let step = (i32::from(a.smoothing_step) + 4 * noise(&exposure)).min(255);
                 for (view, smoothed) in [reference, &other].into_iter().zip(&mut smoothed) {
-                    smooth(view, lines_in, step, smoothed);
+                    smooth(view, lines_in, waiting + 1, step, smoothed);
                 }
             } else {
                 smoothed[1].clone_from(&other.grey);
@@ -778,9 +820,9 @@ fn find(
             }
         }
         let is_inside = y > 0 && y + 1 < lines_in;
-        if a.line_offset_max_q4 > 0 && full_weight > 0 && is_inside && exposure.dead_zone < 255 {
+        if lines_max > 0 && is_inside && exposure.dead_zone < 255 {
             let views = [reference, other];
-            let limits = (a.line_offset_max_q4, support_y);
+            let limits = (lines_max, support_y);
             alignment.learn(&matches, y, views, &exposure, limits);
         }
         // Where levels do not count, their exposure is not learned.
