@@ -91,6 +91,34 @@ fn lines_that_lie_too_low_or_too_high_cost_little() {
     }
 }
 
+/// If one camera is turned against the other, the offset changes along the line.
+#[test]
+fn a_turned_camera_costs_little() {
+    let as_it_is = lowered(0.0);
+    for (degrees, lines_max) in [(0.25, 1), (-0.25, 1), (0.5, 2)] {
+        let mut scene = lowered(0.0);
+        let roll = Stress {
+            kind: Kind::Roll,
+            amount: degrees,
+        };
+        roll.apply(&mut scene, 1).unwrap();
+        for preset in [Preset::Lite, Preset::Micro, Preset::Balanced] {
+            let with =
+                |lines| with_sgm(preset.parameters(), |sgm| sgm.line_offset_max_lines = lines);
+            let equal = bad_percent(preset.parameters(), &as_it_is);
+            let (bad, bad_unmoved) = (
+                bad_percent(with(lines_max), &scene),
+                bad_percent(with(0), &scene),
+            );
+            let what =
+                format!("{preset}, {degrees} degrees: {bad:.2} of {bad_unmoved:.2}, {equal:.2}");
+            println!("{what}");
+            // The first lines are matched before the offset is known.
+            assert!(bad <= 1.3 * equal && bad_unmoved > 1.5 * equal, "{what}");
+        }
+    }
+}
+
 /// Lines that one camera alone sees brighter or darker are mended before they are matched.
 #[test]
 fn bands_of_light_and_noise_of_rows_cost_little() {

@@ -1,11 +1,11 @@
 //! Alignment: the vertical offset between the two views, learned from matches.
 //!
 //! Two cameras that are rectified by hand, or not at all, seldom have their lines at the same
-//! height to a fraction of a line, and a fraction is enough to spoil patterns of fine texture. The
-//! offset is estimated from the matches of the lines above: at each match, it is the difference
-//! between the levels of the two views, divided by the vertical gradient; the estimate is a
-//! least-squares fit over many matches. The lines of the other view that are still to come are
-//! moved by it.
+//! height to a fraction of a line, and a fraction is enough to spoil patterns of fine texture. If one
+//! camera is turned against the other, the offset also changes along the line. It is estimated from the
+//! matches of the lines above: at each match, it is the difference between the levels of the two views,
+//! divided by the vertical gradient; the estimate, a shift and a tilt of the line, is a least-squares fit
+//! over many matches. The lines of the other view that are still to come are moved by it.
 //!
 //! The running mean along the line is subtracted from differences and gradients, so that neither
 //! shading nor a gain that changes along the line is mistaken for an offset.
