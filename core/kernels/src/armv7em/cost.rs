@@ -6,13 +6,14 @@
 //! all of them. Patterns of more bytes than fit the registers are counted in parts; meanwhile the
 //! counts so far stand where the costs will.
 
+use bytemuck::must_cast_slice_mut;
 use vgstereo_core::kernel::{
     CELLS_PER_BYTE, CostRun, MASK_LANES, NO_COST, Planes, cost_run as portable, cost_stride,
 };
 
 use super::simd::{
     add_even_bytes, add_odd_bytes, afresh, even_bytes, halve_difference_u8x4, in_order, load,
-    min_u8x4, odd_bytes, opaque, splat_u8, splat_u16, store, sub_saturating_u8x4,
+    load_six, min_u8x4, odd_bytes, opaque, splat_u8, splat_u16, store, sub_saturating_u8x4,
 };
 
 /// Largest number of disparities, rounded up to a multiple of 16.
@@ -24,12 +25,12 @@ const MAX_PIXELS: usize = 64;
 /// Number of pixels at a time if there are masks, which come for as many.
 const MASKED_PIXELS: usize = MASK_LANES;
 
-/// Positions per row: all that the disparities of these pixels reach, rounded up to a power of two,
-/// and one block more.
-const POSITIONS: usize = (MAX_PIXELS + MAX_STRIDE).next_power_of_two() + BLOCK;
-
 /// Number of disparities compared at a time.
 const BLOCK: usize = 16;
+
+/// Any content of words that are to be overwritten. It is not zero: what fills memory with zeros is a
+/// function of the compiler's that takes four instructions a word.
+const NOT_ZERO: u32 = 0x0102_0304;
 
 /// Largest number of bytes of a pattern that are counted at a time.
 const PART: usize = 8;
@@ -56,37 +57,52 @@ fn cost_registers(run: &CostRun<'_>, costs: &mut [u8]) -> Option<()> {
     };
     let has_levels = run.difference_weight_q4 > 0;
     let bytes = run.inputs.count;
+    // All lengths are constants, those of a pixel's row of disparities as well.
+    macro_rules! cost_pixels {
+        ($first_byte:expr, $finish:expr; $($shape:tt)+) => {
+            match cost_stride(run.disparities) / BLOCK {
+                1 => cost_pixels!(@ 1, $first_byte, $finish; $($shape)+),
+                2 => cost_pixels!(@ 2, $first_byte, $finish; $($shape)+),
+                3 => cost_pixels!(@ 3, $first_byte, $finish; $($shape)+),
+                _ => cost_pixels!(@ 4, $first_byte, $finish; $($shape)+),
+            }
+        };
+        (@ $blocks:literal, $first_byte:expr, $finish:expr;
+            bytes: $bytes:expr, terms: $terms:literal, levels: $levels:literal, pixels: $pixels:expr) => {{
+            const POSITIONS: usize = $pixels + $blocks * BLOCK;
+            cost_pixels::<
+                { $bytes },
+                $terms,
+                { $pixels },
+                { ($bytes * $terms + 1) * $pixels / 4 },
+                { $bytes * $terms * $pixels + 1 },
+                POSITIONS,
+                { ($bytes + $levels) * POSITIONS / 4 },
+                { ($bytes + $levels - 1) * POSITIONS + $blocks * BLOCK },
+                $blocks,
+            >(run, $first_byte, &weighing, costs, $finish)
+        }};
+    }
     match (bytes, run.masks.count, has_levels) {
         (4, 0, true) if are_whole() => {
-            cost_pixels::<4, 6, { tile(6) }, 1, MAX_PIXELS>(
-                run,
-                0,
-                costs,
-                |counts, pixel, levels, _| {
-                    let cells = counts * pixel.cell_cost;
-                    weighing.cost(pixel, sub_saturating_u8x4(pixel.truncation, cells), levels)
-                },
-            );
+            let finish = |counts, weights: &Weights, levels, _| {
+                let cells = counts * weights.cell_cost;
+                weights.cost(sub_saturating_u8x4(weights.truncation, cells), levels)
+            };
+            cost_pixels!(0, finish; bytes: 4, terms: 1, levels: 2, pixels: MAX_PIXELS);
         }
         (8, 0, false) if are_whole() => {
-            cost_pixels::<8, 8, { tile(8) }, 1, MAX_PIXELS>(
-                run,
-                0,
-                costs,
-                |counts, pixel, _, _| min_u8x4(counts * pixel.cell_cost, pixel.truncation),
-            );
+            let finish = |counts, weights: &Weights, _, _| {
+                min_u8x4(counts * weights.cell_cost, weights.truncation)
+            };
+            cost_pixels!(0, finish; bytes: 8, terms: 1, levels: 0, pixels: MAX_PIXELS);
         }
         (6, 6, true) => {
-            cost_pixels::<6, 8, { tile(8) }, 2, MASKED_PIXELS>(
-                run,
-                0,
-                costs,
-                |counts, pixel, levels, _| {
-                    let counts = [even_bytes(counts), odd_bytes(counts)];
-                    let missing = missing(pixel, counts);
-                    weighing.cost(pixel, missing, levels)
-                },
-            );
+            let finish = |counts, weights: &Weights, levels, _| {
+                let missing = weights.missing([even_bytes(counts), odd_bytes(counts)]);
+                weights.cost(missing, levels)
+            };
+            cost_pixels!(0, finish; bytes: 6, terms: 2, levels: 2, pixels: MASKED_PIXELS);
         }
         (_, masks, true)
             if masks == bytes
@@ -96,16 +112,15 @@ fn cost_registers(run: &CostRun<'_>, costs: &mut [u8]) -> Option<()> {
             costs.fill(0);
             let last = bytes - PART;
             for first in (0..last).step_by(PART) {
-                let add = |counts, _: &Pixel<PART, 2>, _, before| before + counts;
-                cost_pixels::<PART, PART, { tile(PART) }, 2, MASKED_PIXELS>(run, first, costs, add);
+                let add = |counts, _: &Weights, _, before| before + counts;
+                cost_pixels!(first, add; bytes: PART, terms: 2, levels: 0, pixels: MASKED_PIXELS);
             }
-            let finish = |counts, pixel: &Pixel<PART, 2>, levels, before| {
+            let finish = |counts, weights: &Weights, levels, before| {
                 let even = add_even_bytes(even_bytes(counts), before);
                 let odd = add_odd_bytes(odd_bytes(counts), before);
-                let missing = missing(pixel, [even, odd]);
-                weighing.cost(pixel, missing, levels)
+                weights.cost(weights.missing([even, odd]), levels)
             };
-            cost_pixels::<PART, 10, { tile(10) }, 2, MASKED_PIXELS>(run, last, costs, finish);
+            cost_pixels!(last, finish; bytes: PART, terms: 2, levels: 2, pixels: MASKED_PIXELS);
         }
         _ => return None,
     }
@@ -120,35 +135,40 @@ fn cost_registers(run: &CostRun<'_>, costs: &mut [u8]) -> Option<()> {
     Some(())
 }
 
-/// Bytes from the start of a block of disparities in the first row to the end of that block in the
-/// last of `rows` rows.
-const fn tile(rows: usize) -> usize {
-    (rows - 1) * POSITIONS + BLOCK
-}
-
 /// Counts the differing cells in `BYTES` bytes of the patterns from byte `first_byte` on, and
-/// stores what `finish` returns. Its arguments are the counts of four disparities, the pixel, the
-/// lowest and highest levels of the other view that count as equal, and the values so far in place
-/// of the costs. There are `BYTES` rows of patterns and, if levels are compared, two of levels;
-/// `TILE` is the [`tile`] of all rows. `TERMS` is 2 with masks and 1 if all cells count. `PIXELS` pixels,
-/// at most [`MAX_PIXELS`], are copied at a time.
+/// stores what `finish` returns. Its arguments are the counts of four disparities, the pixel's
+/// weights, the lowest and highest levels of the other view that count as equal, and the values so
+/// far in place of the costs.
+///
+/// `TERMS` is 2 with masks and 1 if all cells count. `PIXELS` pixels, at most [`MAX_PIXELS`], are
+/// copied at a time, to rows of `OWN_WORDS` in all: the bytes of the patterns, each followed by that
+/// of the mask if there are masks, and the levels. A pixel has `OWN_TILE` bytes from its first byte to its
+/// last. Of the other view, rows of `POSITIONS` are copied, of `OTHER_WORDS` in all: the bytes of the
+/// patterns and, if levels are compared, two of levels. All `BLOCKS` blocks of a pixel's disparities have
+/// `TILE` bytes from their first byte to their last.
 #[inline(never)]
 fn cost_pixels<
     const BYTES: usize,
-    const ROWS: usize,
-    const TILE: usize,
     const TERMS: usize,
     const PIXELS: usize,
+    const OWN_WORDS: usize,
+    const OWN_TILE: usize,
+    const POSITIONS: usize,
+    const OTHER_WORDS: usize,
+    const TILE: usize,
+    const BLOCKS: usize,
 >(
     run: &CostRun<'_>,
     first_byte: usize,
+    weighing: &Weighing,
     costs: &mut [u8],
-    finish: impl Fn(u32, &Pixel<BYTES, TERMS>, [u32; 2], u32) -> u32 + Copy,
+    finish: impl Fn(u32, &Weights, [u32; 2], u32) -> u32 + Copy,
 ) {
-    let stride = cost_stride(run.disparities).max(1);
-    let mut patterns = [[[0; PIXELS]; TERMS]; BYTES];
-    let mut levels = [0; PIXELS];
-    let mut rows = [[0; POSITIONS]; ROWS];
+    let stride = BLOCKS * BLOCK;
+    let mut own = [NOT_ZERO; OWN_WORDS];
+    let own: &mut [u8] = must_cast_slice_mut(own.as_mut_slice());
+    let mut others = [NOT_ZERO; OTHER_WORDS];
+    let others: &mut [u8] = must_cast_slice_mut(others.as_mut_slice());
     let groups = costs.chunks_mut((stride * PIXELS).max(1));
     let cells = run.cell_costs_q8.chunks(PIXELS);
     let cells = cells.zip(run.truncations.chunks(PIXELS));
@@ -160,65 +180,59 @@ fn cost_pixels<
             return;
         };
         let positions = pixels - 1 + stride;
-        let terms = [(run.inputs, run.start + first), (run.masks, first)];
-        for (byte, patterns) in (first_byte..).zip(&mut patterns) {
-            for (to, (planes, first)) in patterns.iter_mut().zip(terms) {
-                copy_plane(planes, byte, first, pixels, to);
+        let mut rows = own.chunks_exact_mut(PIXELS);
+        let mut other_rows = others.chunks_exact_mut(POSITIONS);
+        for byte in first_byte..first_byte + BYTES {
+            let terms = [(run.inputs, run.start + first), (run.masks, first)];
+            for ((planes, first), row) in terms.into_iter().take(TERMS).zip(&mut rows) {
+                copy_plane(planes, byte, first, pixels, row);
+            }
+            if let Some(row) = other_rows.next() {
+                copy_plane(run.stored, byte, lowest, positions, row);
             }
         }
-        let (others, other_levels) = rows.split_at_mut(BYTES);
-        for (byte, to) in (first_byte..).zip(others) {
-            copy_plane(run.stored, byte, lowest, positions, to);
-        }
-        if let [low, high] = other_levels {
-            copy(run.levels[0], run.start + first, pixels, &mut levels);
+        if let (Some(levels), Some(low), Some(high)) =
+            (rows.next(), other_rows.next(), other_rows.next())
+        {
+            copy(run.levels[0], run.start + first, pixels, levels);
             copy(run.other_low[0], lowest, positions, low);
             copy(run.other_high[0], lowest, positions, high);
         }
-        let pixels = costs.chunks_exact_mut(stride);
-        let pixels = pixels.zip(cell_costs.iter().zip(truncations));
-        for (x, (costs, (&cell_cost, &truncation))) in pixels.enumerate() {
-            let four = |row: &[u8; PIXELS]| splat_u8(row[x % PIXELS]);
-            let pixel = Pixel {
-                patterns: patterns.each_ref().map(|terms| terms.each_ref().map(four)),
-                level: four(&levels),
-                // If all cells count, the cost per cell is a whole number.
-                cell_cost: (cell_cost >> if TERMS == 1 { 8 } else { 0 }).into(),
-                truncation: splat_u8(truncation),
-                largest: splat_u8(largest(truncation, run)),
-            };
+        let blocks = costs.as_chunks_mut::<BLOCK>().0;
+        let costs = blocks.as_chunks_mut::<BLOCKS>().0.iter_mut();
+        let cells = cell_costs.iter().zip(truncations);
+        for (x, (costs, (&cell_cost, &truncation))) in costs.zip(cells).enumerate() {
+            // Remainders change nothing; they spare bounds checks.
+            let own = own.get(x % PIXELS..);
+            let own = own.and_then(<[u8]>::first_chunk::<OWN_TILE>);
             let at = run.first_position - (first + x) - lowest;
-            let blocks = costs.as_chunks_mut::<BLOCK>().0.iter_mut();
-            for (block, at) in blocks.zip((at..).step_by(BLOCK)) {
-                // The remainder changes nothing, as every position is lower; it spares a bounds
-                // check.
-                let tile = rows.as_flattened().get(at % (POSITIONS - BLOCK)..);
-                let Some(tile) = tile.and_then(<[u8]>::first_chunk::<TILE>) else {
-                    return;
-                };
-                let [first, second, third, fourth] = block.as_chunks_mut().0 else {
-                    return;
-                };
-                cost_quad::<BYTES, ROWS, TILE, TERMS, 0>(&pixel, tile, first, finish);
-                cost_quad::<BYTES, ROWS, TILE, TERMS, 1>(&pixel, tile, second, finish);
-                cost_quad::<BYTES, ROWS, TILE, TERMS, 2>(&pixel, tile, third, finish);
-                cost_quad::<BYTES, ROWS, TILE, TERMS, 3>(&pixel, tile, fourth, finish);
+            let tile = others.get(at % PIXELS..);
+            let tile = tile.and_then(<[u8]>::first_chunk::<TILE>);
+            let (Some(own), Some(tile)) = (own.map(afresh), tile) else {
+                return;
+            };
+            let four = |row: usize| splat_u8(own.get(row * PIXELS).copied().unwrap_or(0));
+            let mut patterns = [[0; TERMS]; BYTES];
+            for (pattern, row) in patterns.as_flattened_mut().iter_mut().zip(0..) {
+                *pattern = in_order(four(row));
+            }
+            // If all cells count, the cost per cell is a whole number.
+            let cell_cost = cell_cost >> if TERMS == 1 { 8 } else { 0 };
+            let weights = weighing.of(four(BYTES * TERMS), cell_cost.into(), truncation);
+            let pixel = Pixel { patterns, weights };
+            for (block, costs) in costs.iter_mut().enumerate() {
+                cost_block::<BYTES, TERMS, POSITIONS, TILE>(&pixel, tile, block, costs, finish);
             }
         }
     }
 }
 
-/// A pixel's values, each repeated in all four bytes.
+/// A pixel's values.
 struct Pixel<const BYTES: usize, const TERMS: usize> {
-    /// Each byte of the pattern, and of the mask if there is one.
+    /// Each byte of the pattern, and of the mask if there is one, repeated in all four bytes.
     patterns: [[u32; TERMS]; BYTES],
-    level: u32,
-    /// Cost of a differing cell; 1/256 of a cost if there are masks.
-    cell_cost: u32,
-    /// Largest cost of the pattern.
-    truncation: u32,
-    /// Twice the largest cost, which is that of pattern and levels.
-    largest: u32,
+    /// Its [`Weights`].
+    weights: [u32; 6],
 }
 
 impl<const BYTES: usize, const TERMS: usize> Pixel<BYTES, TERMS> {
@@ -233,32 +247,71 @@ impl<const BYTES: usize, const TERMS: usize> Pixel<BYTES, TERMS> {
     }
 }
 
-/// Writes the costs of the four disparities `4 * QUAD` to `4 * QUAD + 3` of a block.
+/// Writes the costs of a block of disparities.
 #[inline(always)]
-fn cost_quad<
-    const BYTES: usize,
-    const ROWS: usize,
-    const TILE: usize,
-    const TERMS: usize,
-    const QUAD: usize,
->(
+fn cost_block<const BYTES: usize, const TERMS: usize, const POSITIONS: usize, const TILE: usize>(
     pixel: &Pixel<BYTES, TERMS>,
     tile: &[u8; TILE],
-    costs: &mut [u8; 4],
-    finish: impl Fn(u32, &Pixel<BYTES, TERMS>, [u32; 2], u32) -> u32,
+    block: usize,
+    costs: &mut [u8; BLOCK],
+    finish: impl Fn(u32, &Weights, [u32; 2], u32) -> u32 + Copy,
 ) {
-    // The pixel is kept in memory, from which one instruction loads two words, because there are
-    // too few registers for all of it.
-    let pixel = afresh(pixel);
-    let load_row = |row: usize| load_at(tile, row * POSITIONS + 4 * QUAD);
-    let counts = count::<BYTES>(|byte| pixel.differing(byte, load_row(byte)));
-    let levels = if BYTES < ROWS {
-        [load_row(BYTES), load_row(BYTES + 1)]
-    } else {
-        [0; 2]
+    // First all counts, then all costs: there are too few registers for what both take of a pixel,
+    // which is kept in memory.
+    let at = BLOCK * block;
+    let own = afresh(pixel);
+    let count = |at| count_quad::<BYTES, TERMS, POSITIONS, TILE>(own, tile, at);
+    let counts = [count(at), count(at + 4), count(at + 8), count(at + 12)];
+    let weights = Weights::load(&pixel.weights);
+    let [a, b, c, d] = costs.as_chunks_mut().0 else {
+        return;
     };
-    let cost = finish(opaque(counts), pixel, levels, load(costs));
-    store(in_order(cost), costs);
+    let write = |counts, at: usize, costs: &mut [u8; 4]| {
+        let level = |row| load_at(tile, row * POSITIONS + at);
+        let levels = if BYTES * POSITIONS < TILE {
+            [level(BYTES), level(BYTES + 1)]
+        } else {
+            [0; 2]
+        };
+        store(
+            in_order(finish(counts, &weights, levels, load(costs))),
+            costs,
+        );
+    };
+    write(counts[0], at, a);
+    write(counts[1], at + 4, b);
+    write(counts[2], at + 8, c);
+    write(counts[3], at + 12, d);
+}
+
+/// Counts the differing cells of four disparities, of which the rows' bytes stand at `at`.
+#[inline(always)]
+fn count_quad<const BYTES: usize, const TERMS: usize, const POSITIONS: usize, const TILE: usize>(
+    pixel: &Pixel<BYTES, TERMS>,
+    tile: &[u8; TILE],
+    at: usize,
+) -> u32 {
+    let other = |byte| load_at(tile, byte * POSITIONS + at);
+    let patterns: &[[u32; TERMS]] = &pixel.patterns;
+    let three = |first: usize| {
+        let words = patterns.get(first..first + 3).map(<[_]>::as_flattened);
+        let words = words.and_then(<[u32]>::first_chunk);
+        if TERMS == 2
+            && let Some(words) = words
+        {
+            let [a, a_mask, b, b_mask, c, c_mask] = load_six(words);
+            [
+                (a ^ other(first)) & a_mask,
+                (b ^ other(first + 1)) & b_mask,
+                (c ^ other(first + 2)) & c_mask,
+            ]
+        } else {
+            [0, 1, 2].map(|next| pixel.differing(first + next, other(first + next)))
+        }
+    };
+    in_order(count::<BYTES>(three, |byte| {
+        pixel.differing(byte, other(byte))
+    }))
 }
 
 /// Loads four bytes of a tile.
@@ -296,32 +349,14 @@ fn copy(row: &[u8], first: usize, count: usize, to: &mut [u8]) {
     }
 }
 
-/// Twice the largest cost of a pixel with this largest cost of its pattern. Wraps round where
-/// [`Weighing::new`] refuses the run.
-fn largest(truncation: u8, run: &CostRun<'_>) -> u8 {
-    let levels = (run.difference_weight_q4 / 8).wrapping_mul(run.difference_truncation);
-    truncation.wrapping_mul(2).wrapping_add(levels)
-}
-
-/// Returns by how much the costs of differing cells are below their truncation. `counts` holds the
-/// counts of bytes 0 and 2, and of bytes 1 and 3.
-#[inline(always)]
-fn missing<const BYTES: usize, const TERMS: usize>(
-    pixel: &Pixel<BYTES, TERMS>,
-    counts: [u32; 2],
-) -> u32 {
-    // Each product is less than 2^16, also after rounding.
-    let [even, odd] = counts.map(|counts| counts * pixel.cell_cost + splat_u16(128));
-    let cells = odd_bytes(even) | odd & 0xff00_ff00;
-    sub_saturating_u8x4(pixel.truncation, cells)
-}
-
 /// Parameters that turn differences of levels into costs.
 struct Weighing {
     /// Largest difference that counts, repeated in all four bytes.
     difference_truncation: u32,
     /// Twice the cost of a difference of one level.
     weight: u32,
+    /// Twice the largest cost of levels, repeated in all four bytes.
+    largest: u32,
 }
 
 impl Weighing {
@@ -336,50 +371,111 @@ impl Weighing {
         (has_one_channel && is_halves).then(|| Self {
             difference_truncation: splat_u8(run.difference_truncation),
             weight: weight.into(),
+            largest: splat_u8(levels),
         })
+    }
+
+    /// The words of the [`Weights`] of a pixel with this level in all four bytes.
+    #[inline(always)]
+    fn of(&self, level: u32, cell_cost: u32, truncation: u8) -> [u32; 6] {
+        let truncation = splat_u8(truncation);
+        [
+            level,
+            cell_cost,
+            truncation,
+            self.largest.wrapping_add(2 * truncation),
+            self.difference_truncation,
+            self.weight,
+        ]
+    }
+}
+
+/// What turns the counts of a pixel's differing cells, and levels, into costs. All but `cell_cost` and
+/// `weight` are repeated in all four bytes.
+struct Weights {
+    level: u32,
+    /// Cost of a differing cell; 1/256 of a cost if there are masks.
+    cell_cost: u32,
+    /// Largest cost of the pattern.
+    truncation: u32,
+    /// Twice the largest cost, which is that of pattern and levels.
+    largest: u32,
+    /// Largest difference of levels that counts.
+    difference_truncation: u32,
+    /// Twice the cost of a difference of one level.
+    weight: u32,
+}
+
+impl Weights {
+    #[inline(always)]
+    fn load(words: &[u32; 6]) -> Self {
+        let [
+            level,
+            cell_cost,
+            truncation,
+            largest,
+            difference_truncation,
+            weight,
+        ] = load_six(words);
+        Self {
+            level,
+            cell_cost,
+            truncation,
+            largest,
+            difference_truncation,
+            weight,
+        }
+    }
+
+    /// Returns by how much the costs of differing cells are below their truncation. `counts` holds the
+    /// counts of bytes 0 and 2, and of bytes 1 and 3.
+    #[inline(always)]
+    fn missing(&self, counts: [u32; 2]) -> u32 {
+        // Each product is less than 2^16, also after rounding.
+        let [even, odd] = counts.map(|counts| counts * self.cell_cost + splat_u16(128));
+        let cells = add_odd_bytes(odd & 0xff00_ff00, even);
+        sub_saturating_u8x4(self.truncation, cells)
     }
 
     /// Returns the costs, given by how much those of `cells` are below their truncation, and the
     /// lowest and highest levels that count as equal.
     #[inline(always)]
-    fn cost<const BYTES: usize, const TERMS: usize>(
-        &self,
-        pixel: &Pixel<BYTES, TERMS>,
-        cells: u32,
-        [low, high]: [u32; 2],
-    ) -> u32 {
+    fn cost(&self, cells: u32, [low, high]: [u32; 2]) -> u32 {
         // Levels are also expressed by how much they are below their truncation, which needs no
         // minimum. One of the two differences is 0.
-        let level = pixel.level;
+        let level = self.level;
         let difference = sub_saturating_u8x4(level, high) | sub_saturating_u8x4(low, level);
         let levels = sub_saturating_u8x4(self.difference_truncation, difference) * self.weight;
         // Rounded down, as the reference rounds the cost of levels.
-        halve_difference_u8x4(pixel.largest, levels).wrapping_sub(cells)
+        halve_difference_u8x4(self.largest, levels).wrapping_sub(cells)
     }
 }
 
 /// Counts the bits of each byte over `BYTES` words.
 #[inline(always)]
-fn count<const BYTES: usize>(word: impl Fn(usize) -> u32) -> u32 {
+fn count<const BYTES: usize>(
+    three: impl Fn(usize) -> [u32; 3],
+    word: impl Fn(usize) -> u32,
+) -> u32 {
     match BYTES {
         4 => {
-            let (ones, twos) = add(word(0), word(1), word(2));
+            let (ones, twos) = add(three(0));
             // The two nibbles of a byte add up to at most 8, which fits a nibble.
             let twos = nibbles(twos);
             let twos = (twos + (twos >> 4)) & 0x0f0f_0f0f;
             bytes_of(nibbles(ones) + nibbles(word(3))) + 2 * twos
         }
         6 => {
-            let (ones, twos_a) = add(word(0), word(1), word(2));
-            let (ones, twos_b) = add(ones, word(3), word(4));
-            bytes_of(nibbles(ones) + nibbles(word(5)))
+            let (ones_a, twos_a) = add(three(0));
+            let (ones_b, twos_b) = add(three(3));
+            bytes_of(nibbles(ones_a) + nibbles(ones_b))
                 + 2 * bytes_of(nibbles(twos_a) + nibbles(twos_b))
         }
         PART => {
-            let (ones, twos_a) = add(word(0), word(1), word(2));
-            let (ones, twos_b) = add(ones, word(3), word(4));
-            let (ones, twos_c) = add(ones, word(5), word(6));
-            let (twos, fours) = add(twos_a, twos_b, twos_c);
+            let (ones_a, twos_a) = add(three(0));
+            let (ones_b, twos_b) = add(three(3));
+            let (ones, twos_c) = add([ones_a, ones_b, word(6)]);
+            let (twos, fours) = add([twos_a, twos_b, twos_c]);
             bytes_of(nibbles(ones) + nibbles(word(7)))
                 + 2 * bytes_of(nibbles(twos) + 2 * nibbles(fours))
         }
@@ -389,7 +485,7 @@ fn count<const BYTES: usize>(word: impl Fn(usize) -> u32) -> u32 {
 
 /// Full adder of three bits in every position: returns the low and the high bits of the sums.
 #[inline(always)]
-fn add(a: u32, b: u32, c: u32) -> (u32, u32) {
+fn add([a, b, c]: [u32; 3]) -> (u32, u32) {
     (in_order(a ^ b ^ c), in_order(a & b | (a ^ b) & c))
 }
 

@@ -282,6 +282,31 @@ pub(super) fn afresh<T>(value: &T) -> &T {
     }
 }
 
+/// Loads six words by one instruction.
+#[inline(always)]
+#[must_use]
+pub(super) fn load_six(words: &[u32; 6]) -> [u32; 6] {
+    #[cfg(dsp_extension)]
+    {
+        let (a, b, c, d, e, f);
+        // SAFETY: the instruction reads the words of the reference, which are aligned.
+        unsafe {
+            core::arch::asm!(
+                "ldm {}, {{r0, r1, r2, r3, r4, r5}}",
+                in(reg) words,
+                lateout("r0") a, lateout("r1") b, lateout("r2") c,
+                lateout("r3") d, lateout("r4") e, lateout("r5") f,
+                options(pure, readonly, nostack, preserves_flags),
+            );
+        }
+        [a, b, c, d, e, f]
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        *words
+    }
+}
+
 /// The smaller byte of each lane.
 #[inline(always)]
 #[must_use]
