@@ -5,7 +5,8 @@ use bytemuck::{must_cast_slice, try_cast_slice_mut};
 use vgstereo_core::kernel::{self, AggregateRow};
 
 use super::simd::{
-    add_saturating_u8x4, in_order, load, min_u8x4, splat_u8, sub_saturating_u8x4, unrolled,
+    add_saturating_u8x4, in_order, load, load_six, min_u8x4, splat_u8, sub_saturating_u8x4,
+    unrolled,
 };
 
 /// Largest number of disparities, rounded up to a multiple of 16.
@@ -92,30 +93,31 @@ fn step<const PAIRS: usize>(
     mut add: impl FnMut(usize, Pair) -> Pair,
 ) -> u32 {
     let onward = Onward::new(least, p2);
-    let mut least = u32::MAX;
+    let mut least = None;
     unrolled::<PAIRS>(|index| {
         let path = add(index, onward.costs(reach(previous, index, p1)));
-        least = least_with(least, path);
+        least = Some(least_with(least, path));
     });
-    least_of(least)
+    least_of(least.unwrap_or(u32::MAX))
 }
 
 /// Takes one step along the path down, in place.
 #[inline(always)]
 fn descend<const PAIRS: usize>(path: &mut [Pair; PAIRS], costs: &[Pair; PAIRS], p1: u32, p2: u8) {
-    let mut all_reached = [[0; 2]; PAIRS];
-    let mut least = u32::MAX;
+    let onward = Onward::new(least_in(path.as_flattened()), p2);
+    // The costs of a pair are reached from those before and after it: it is written when the costs
+    // of the next are known.
+    let mut before = None;
     unrolled::<PAIRS>(|index| {
         let reached = reach(path, index, p1);
-        all_reached[index] = reached;
-        // A step of one disparity never lowers the least cost, so the least after such steps is the
-        // least before them.
-        least = least_with(least, reached);
+        if let Some(before) = before {
+            path[index - 1] = before;
+        }
+        before = Some(add(costs[index], onward.costs(reached)).map(in_order));
     });
-    let onward = Onward::new(least_of(least), p2);
-    unrolled::<PAIRS>(|index| {
-        path[index] = add(costs[index], onward.costs(all_reached[index])).map(in_order);
-    });
+    if let (Some(last), Some(path)) = (before, path.last_mut()) {
+        *path = last;
+    }
 }
 
 #[inline(always)]
@@ -127,8 +129,22 @@ fn add(costs: Pair, onward: Pair) -> Pair {
 }
 
 #[inline(always)]
-fn least_with(least: u32, [a, b]: Pair) -> u32 {
-    in_order(min_u8x4(min_u8x4(least, a), b))
+fn least_with(least: Option<u32>, [a, b]: Pair) -> u32 {
+    let least = least.map_or(a, |least| min_u8x4(least, a));
+    in_order(min_u8x4(least, b))
+}
+
+/// Returns the least byte of these words, in all four bytes.
+#[inline(always)]
+fn least_in(words: &[u32]) -> u32 {
+    let (sixes, rest) = words.as_chunks();
+    let mut least = None;
+    let mut meet = |word| least = Some(least.map_or(word, |least| min_u8x4(least, word)));
+    for six in sixes {
+        load_six(six).into_iter().for_each(&mut meet);
+    }
+    rest.iter().for_each(|&word| meet(word));
+    least_of(least.unwrap_or(u32::MAX))
 }
 
 /// Least costs of reaching eight disparities with a step of at most one disparity. The neighbours

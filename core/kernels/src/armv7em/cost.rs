@@ -332,20 +332,29 @@ fn copy_plane(planes: Planes<'_>, byte: usize, first: usize, count: usize, to: &
 /// Copies `count` elements of a row, from `first` on; does nothing if the row ends before.
 #[inline(never)]
 fn copy(row: &[u8], first: usize, count: usize, to: &mut [u8]) {
-    if let Some(run) = row.get(first..first + count)
-        && let Some(to) = to.get_mut(..count)
-    {
-        // Copied by words, because a call of `memcpy` would take longer.
-        let (run, run_rest) = run.as_chunks::<BLOCK>();
-        let (to, to_rest) = to.as_chunks_mut::<BLOCK>();
+    let run = row.get(first..first + count);
+    let (Some(run), Some(to)) = (run, to.get_mut(..count)) else {
+        return;
+    };
+    let blocks = to.as_chunks_mut().0.iter_mut().zip(run.as_chunks().0);
+    for (to, from) in blocks {
+        copy_block(to, from);
+    }
+    // The last block overlaps the one before it, so that nothing remains.
+    if let (Some(to), Some(from)) = (to.last_chunk_mut(), run.last_chunk()) {
+        copy_block(to, from);
+    } else {
         for (to, from) in to.iter_mut().zip(run) {
-            for (to, from) in to.as_chunks_mut().0.iter_mut().zip(from.as_chunks().0) {
-                store(opaque(load(from)), to);
-            }
-        }
-        for (to, from) in to_rest.iter_mut().zip(run_rest) {
             *to = *from;
         }
+    }
+}
+
+/// Copies by words, because a call of `memcpy` would take longer.
+#[inline(always)]
+fn copy_block(to: &mut [u8; BLOCK], from: &[u8; BLOCK]) {
+    for (to, from) in to.as_chunks_mut().0.iter_mut().zip(from.as_chunks().0) {
+        store(opaque(load(from)), to);
     }
 }
 

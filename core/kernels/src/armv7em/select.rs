@@ -7,17 +7,20 @@
 
 use bytemuck::{must_cast_slice, must_cast_slice_mut, try_cast_slice};
 use vgstereo_core::disparity::STEPS_PER_PX;
-use vgstereo_core::kernel::{self, AggregateRow, NO_DISTANCE, SubpixelStep};
+use vgstereo_core::kernel::{self, AggregateRow};
 
 use super::aggregate::MAX_STRIDE;
 use super::simd::{
-    add_even_bytes, add_odd_bytes, even_bytes, in_order, load, min_u16x2, odd_bytes, opaque,
-    splat_u16, store, unrolled,
+    add_even_bytes, add_odd_bytes, even_bytes, in_order, load, load_six, min_u16x2, odd_bytes,
+    opaque, splat_u16, store, unrolled,
 };
 
 /// Bits of the index, which is below the sum in a key. A sum is at most 3 * 255.
 const INDEX_BITS: u32 = 6;
 const INDEX_MASK: u32 = (1 << INDEX_BITS) - 1;
+
+/// Smallest number of disparities: of as many, there is always a second best.
+const DISPARITIES_MIN: usize = 4;
 
 /// Least key of each pair of disparities, with a guard word at either end.
 type Minima = [u32; MAX_STRIDE / 4 + 2];
@@ -26,7 +29,8 @@ type Minima = [u32; MAX_STRIDE / 4 + 2];
 pub(super) fn select_row(row: &mut AggregateRow<'_>) {
     // One more than the positions of the other view that all pixels' disparities reach.
     let slots = row.best.len() + row.disparities;
-    let is_whole = (1..=row.stride).contains(&row.disparities) && row.other_best.len() + 1 >= slots;
+    let is_whole = (DISPARITIES_MIN..=row.stride).contains(&row.disparities)
+        && row.other_best.len() + 1 >= slots;
     let selected = match row.stride {
         16 if is_whole => select_pixels::<4>(row),
         32 if is_whole => select_pixels::<8>(row),
@@ -47,7 +51,11 @@ fn select_pixels<const QUADS: usize>(row: &mut AggregateRow<'_>) -> Option<()> {
         .iter()
         .zip(pixels(row.from_right)?)
         .zip(pixels(row.from_above)?);
-    let (disparities, subpixel) = (row.disparities, row.subpixel);
+    let disparities = row.disparities;
+    let subpixel = Subpixel {
+        relief: row.subpixel.relief.into(),
+        lines_min: row.subpixel.lines_min.into(),
+    };
     let end = (row.best.len() + disparities).saturating_sub(1);
     let (inside, beyond) = row.other_best.split_at_mut(end.min(row.other_best.len()));
     beyond.fill(u32::MAX);
@@ -161,10 +169,11 @@ impl<'a> Others<'a> {
         } else {
             self.odd
         };
-        let key = self.keys.get(start + disparity / 2 * 2..);
+        // The remainder changes nothing; it spares a bounds check.
+        let key = self.keys.get(start + disparity / 2 * 2 % MAX_STRIDE..);
         let key = key.and_then(<[u8]>::first_chunk);
         let key = key.map_or(0, |key| u32::from(u16::from_le_bytes(*key)));
-        key >> INDEX_BITS << 16 | key & INDEX_MASK
+        opaque(key >> INDEX_BITS) << 16 | key & INDEX_MASK
     }
 }
 
@@ -194,60 +203,83 @@ fn select<const QUADS: usize>(
     paths: [&[u32; QUADS]; 3],
     minima: &mut Minima,
     disparities: usize,
-    subpixel: &SubpixelStep,
+    subpixel: &Subpixel,
 ) -> Selected {
-    let index = (key & INDEX_MASK) as usize;
-    let least = (key >> INDEX_BITS) as i16;
+    let index = key & INDEX_MASK;
+    let least = key >> INDEX_BITS;
     let paths: [&[u8]; 3] = paths.map(|path| must_cast_slice(path.as_slice()));
-    // All three as long as the first, which the compiler cannot know otherwise.
-    let paths = paths.map(|path| path.get(..paths[0].len()).unwrap_or_default());
-    let sum = |index: usize| paths.iter().map(|path| i16::from(path[index])).sum::<i16>();
-    let is_inside = 0 < index && index + 1 < disparities && index + 1 < paths[0].len();
-    let step_q4 = if is_inside {
-        subpixel_step_q4(subpixel, sum(index - 1) - least, sum(index + 1) - least)
+    let sums = |first: u32, count: usize| {
+        let first = first as usize;
+        let costs = paths.map(|path| path.get(first..first + count).unwrap_or_default());
+        move |index: usize| {
+            costs
+                .iter()
+                .map(|costs| u32::from(costs[index]))
+                .sum::<u32>()
+        }
+    };
+    let before = index.wrapping_sub(1);
+    let step_q4 = if before < disparities as u32 - 2 && before < 4 * QUADS as u32 - 2 {
+        let sum = sums(before, 3);
+        subpixel.step_q4(sum(0) - least, sum(2) - least)
     } else {
         0
     };
     // The best disparity and its neighbours are in two pairs; the fourth disparity in these pairs
-    // is `outer`, which is compared by itself.
-    let two = index / 2 + 2;
-    let (other_two, outer) = if index.is_multiple_of(2) {
-        (two - 1, index.wrapping_sub(2))
-    } else {
-        (two + 1, index + 2)
-    };
+    // is two before an even best disparity and two after an odd one. It is compared by itself.
+    let outer = (index + 4 * (index % 2)).wrapping_sub(2);
     let keys: &mut [u16] = must_cast_slice_mut(minima.as_mut_slice());
-    for two in [two, other_two] {
-        if let Some(key) = keys.get_mut(two) {
+    for disparity in [index, outer] {
+        if let Some(key) = keys.get_mut((disparity.wrapping_add(4) / 2) as usize) {
             *key = u16::MAX;
         }
     }
     let [_, minima @ ..] = minima;
-    let second = minima.iter().take(QUADS);
-    let second = second.fold(u32::MAX, |a, &b| min_u16x2(a, b));
-    let second = min_u16x2(second, second >> 16) & 0xffff;
-    let mut second = (second >> INDEX_BITS) as i16;
-    if outer < disparities && outer < paths[0].len() {
-        second = second.min(sum(outer));
+    let second = least_of(minima.get(..QUADS).unwrap_or_default());
+    let mut second = second >> INDEX_BITS;
+    if outer < disparities as u32 && outer < 4 * QUADS as u32 {
+        second = second.min(sums(outer, 1)(0));
     }
-    // Without a second best, `second` is a sum beyond the range.
-    let has_second = index >= 2 || index + 2 < disparities;
     Selected {
         index: index as u16,
-        refined_index_q4: index as i16 * STEPS_PER_PX + step_q4,
-        margin: if has_second { second } else { NO_DISTANCE } - least,
+        refined_index_q4: (index as i32 * i32::from(STEPS_PER_PX) + step_q4) as i16,
+        margin: (second - least) as i16,
     }
 }
 
-/// Equals [`kernel::subpixel_step_q4`] bit for bit. A processor that divides in hardware takes less
-/// time for one division than for the steps that replace it there.
+/// The least of the keys in these words.
 #[inline(always)]
-fn subpixel_step_q4(step: &SubpixelStep, before: i16, after: i16) -> i16 {
-    let relieved = step.relieved(before, after);
-    let divisor = u32::from(step.divisor(before, after, relieved) as u16);
-    let difference = u32::from((relieved.0 - relieved.1) as u16);
-    let steps = (16 * difference + divisor)
-        .checked_div(2 * divisor)
-        .unwrap_or(0) as i16;
-    if before >= after { steps } else { -steps }
+fn least_of(words: &[u32]) -> u32 {
+    let (sixes, rest) = words.as_chunks();
+    let mut least = None;
+    let mut meet = |word| least = Some(least.map_or(word, |least| min_u16x2(least, word)));
+    sixes
+        .iter()
+        .for_each(|six| load_six(six).into_iter().for_each(&mut meet));
+    rest.iter().for_each(|&word| meet(word));
+    let least = least.unwrap_or(u32::MAX);
+    min_u16x2(least, least >> 16) & 0xffff
+}
+
+/// How the sub-pixel step follows from the sums, as in [`SubpixelStep`].
+struct Subpixel {
+    relief: u32,
+    lines_min: u32,
+}
+
+impl Subpixel {
+    /// Equals [`kernel::subpixel_step_q4`] bit for bit. A processor that divides in hardware takes less
+    /// time for one division than for the steps that replace it there.
+    #[inline(always)]
+    fn step_q4(&self, before: u32, after: u32) -> i32 {
+        let (larger, smaller) = (before.max(after), before.min(after));
+        let relief = self.relief.min((5 * larger) >> 4);
+        let relieved = (larger - relief, smaller.saturating_sub(relief));
+        let is_weak = larger < self.lines_min;
+        let divisor = relieved.0 + if is_weak { relieved.1 } else { 0 };
+        let difference = relieved.0 - relieved.1;
+        let steps = (16 * difference + divisor).checked_div(2 * divisor);
+        let steps = steps.unwrap_or(0) as i32;
+        if before >= after { steps } else { -steps }
+    }
 }
