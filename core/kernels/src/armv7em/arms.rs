@@ -19,34 +19,59 @@ pub(super) fn arms_row(row: &ArmsRow<'_>, arms: &mut [i16]) {
 
 #[inline(always)]
 fn arms_of<const CHANNELS: usize>(levels: [&[u8]; CHANNELS], row: &ArmsRow<'_>, arms: &mut [i16]) {
-    let reach = usize::from(row.reach);
-    let width = arms.len();
     let steps = Steps {
-        near: splat_u8(row.near_step),
-        far: splat_u8(row.far_step),
-        half: reach / 2,
+        reach: row.reach.into(),
+        near: row.near_step,
+        far: row.far_step,
     };
+    let (reach, half) = (steps.reach, steps.half());
+    let width = arms.len();
     for (block, arms) in arms.chunks_mut(LANES).enumerate() {
         let x = block * LANES;
-        // Blocks near the ends of the line are measured pixel by pixel.
-        let left = if x >= reach && x + LANES <= width {
-            steps.reach(levels, x, |levels| {
-                let before = levels.get(x - reach..x + LANES - 1).unwrap_or_default();
-                before.array_windows().rev()
+        // Distances at which all four pixels are within the line.
+        let inside = if x + LANES <= width { reach } else { 0 };
+        let (before, after) = (inside.min(x), inside.min(width.saturating_sub(x + LANES)));
+        let run = |from: usize, pixels: usize| {
+            // Four pixels at a time, each one further.
+            levels.map(|levels| {
+                levels
+                    .get(from..from + pixels + LANES - 1)
+                    .unwrap_or_default()
             })
-        } else {
-            steps.reach_at_end(levels, x, |x| reach.min(x), |x, distance| x - distance)
         };
-        let right = if x + reach + LANES <= width {
-            steps.reach(levels, x, |levels| {
-                let after = levels.get(x + 1..x + reach + LANES).unwrap_or_default();
-                after.array_windows()
-            })
-        } else {
-            let most = |x: usize| reach.min(width.saturating_sub(x + 1));
-            steps.reach_at_end(levels, x, most, |x, distance| x + distance)
-        };
-        let both = left.to_le_bytes().into_iter().zip(right.to_le_bytes());
+
+        let mut left = Arms::new(levels, x);
+        let nearer = before.min(half);
+        if left.extend(
+            run(x - nearer, nearer).map(|run| run.array_windows().rev()),
+            steps.near,
+        ) {
+            let farther = run(x - before, before - nearer);
+            left.extend(farther.map(|run| run.array_windows().rev()), steps.far);
+        }
+        if before < reach {
+            left.finish(before, |x, distance| {
+                distance <= x && steps.are_like(levels, x, x - distance, distance)
+            });
+        }
+
+        let mut right = Arms::new(levels, x);
+        let nearer = after.min(half);
+        if right.extend(run(x + 1, nearer).map(<[u8]>::array_windows), steps.near) {
+            let farther = run(x + 1 + nearer, after - nearer);
+            right.extend(farther.map(<[u8]>::array_windows), steps.far);
+        }
+        if after < reach {
+            right.finish(after, |x, distance| {
+                distance < width - x && steps.are_like(levels, x, x + distance, distance)
+            });
+        }
+
+        let both = left
+            .lengths
+            .to_le_bytes()
+            .into_iter()
+            .zip(right.lengths.to_le_bytes());
         for (arm, (left, right)) in arms.iter_mut().zip(both) {
             *arm = i16::from_le_bytes([left, right]);
         }
@@ -55,82 +80,101 @@ fn arms_of<const CHANNELS: usize>(levels: [&[u8]; CHANNELS], row: &ArmsRow<'_>, 
 
 /// Largest differences from the centre that continue an arm, levels.
 struct Steps {
-    /// Largest difference in the nearer half of the reach, in all four bytes.
-    near: u32,
-    /// Largest difference in the farther half of the reach, in all four bytes.
-    far: u32,
-    /// Last distance of the nearer half, px.
-    half: usize,
+    /// Longest arm, px.
+    reach: usize,
+    /// Largest difference in the nearer half of the reach.
+    near: u8,
+    /// Largest difference in the farther half of the reach.
+    far: u8,
 }
 
 impl Steps {
+    /// Last distance of the nearer half, px.
     #[inline(always)]
-    fn at(&self, distance: usize) -> u32 {
-        if distance <= self.half {
-            self.near
-        } else {
-            self.far
-        }
+    fn half(&self) -> usize {
+        self.reach / 2
     }
 
-    /// Returns the arm lengths of the four pixels from `x` on, px, one per byte. `path` turns a
-    /// channel's levels into the runs of four pixels at distance 1, 2, and so on.
+    /// Whether a pixel at a distance from the pixel `x` continues its arm.
     #[inline(always)]
-    fn reach<'a, const CHANNELS: usize, I: Iterator<Item = &'a [u8; LANES]>>(
-        &self,
-        levels: [&'a [u8]; CHANNELS],
-        x: usize,
-        path: impl Fn(&'a [u8]) -> I,
-    ) -> u32 {
-        let centres = levels.map(|levels| {
-            let run = levels.get(x..).and_then(|run| run.first_chunk());
-            run.map_or(0, load)
-        });
-        let mut paths = levels.map(path);
-        let (mut goes_on, mut count) = (splat_u8(1), 0);
-        for (step, most) in [(self.near, self.half), (self.far, usize::MAX)] {
-            for _ in 0..most {
-                for (path, centre) in paths.iter_mut().zip(centres) {
-                    let Some(four) = path.next() else {
-                        return count;
-                    };
-                    let difference = distance_u8x4(centre, load(four));
-                    goes_on = select_ge_u8x4(step, difference, goes_on, 0);
-                }
-                if goes_on == 0 {
-                    return count;
-                }
-                count += goes_on;
-            }
-        }
-        count
-    }
-
-    /// Returns the arm lengths of the four pixels from `x` on where the line may end within the
-    /// reach. `most` gives the longest possible arm at a pixel, and `place` the pixel at a distance
-    /// from another.
-    #[inline(always)]
-    fn reach_at_end<const CHANNELS: usize>(
+    fn are_like<const CHANNELS: usize>(
         &self,
         levels: [&[u8]; CHANNELS],
         x: usize,
-        most: impl Fn(usize) -> usize,
-        place: impl Fn(usize, usize) -> usize,
-    ) -> u32 {
+        other: usize,
+        distance: usize,
+    ) -> bool {
+        let step = if distance <= self.half() {
+            self.near
+        } else {
+            self.far
+        };
         let level = |levels: &[u8], at: usize| levels.get(at).copied().unwrap_or(0);
-        let mut counts = [0_u8; LANES];
-        for (x, count) in (x..).zip(&mut counts) {
-            for distance in 1..=most(x) {
-                let step = self.at(distance) as u8;
-                let is_like = levels.iter().all(|levels| {
-                    level(levels, x).abs_diff(level(levels, place(x, distance))) <= step
-                });
-                if !is_like {
-                    break;
-                }
-                *count += 1;
-            }
+        let differences = levels.map(|levels| level(levels, x).abs_diff(level(levels, other)));
+        distance <= self.reach && differences.iter().all(|&difference| difference <= step)
+    }
+}
+
+/// Arms of four pixels in one direction.
+struct Arms<const CHANNELS: usize> {
+    /// The first pixel.
+    x: usize,
+    centres: [u32; CHANNELS],
+    /// 1 in the bytes of pixels whose arm goes on.
+    going_on: u32,
+    /// Lengths so far, px, one per byte.
+    lengths: u32,
+}
+
+impl<const CHANNELS: usize> Arms<CHANNELS> {
+    #[inline(always)]
+    fn new(levels: [&[u8]; CHANNELS], x: usize) -> Self {
+        let centre = |levels: &[u8]| levels.get(x..)?.first_chunk().map(load);
+        Self {
+            x,
+            centres: levels.map(|levels| centre(levels).unwrap_or(0)),
+            going_on: splat_u8(1),
+            lengths: 0,
         }
-        u32::from_le_bytes(counts)
+    }
+
+    /// Extends the arms along the runs of four pixels at successive distances, with differences of up
+    /// to `step`. Returns whether one of the arms goes on.
+    #[inline(always)]
+    fn extend<'a>(
+        &mut self,
+        mut runs: [impl Iterator<Item = &'a [u8; LANES]>; CHANNELS],
+        step: u8,
+    ) -> bool {
+        let step = splat_u8(step);
+        loop {
+            let mut going_on = self.going_on;
+            for (runs, centre) in runs.iter_mut().zip(self.centres) {
+                let Some(four) = runs.next() else {
+                    return true;
+                };
+                let difference = distance_u8x4(centre, load(four));
+                going_on = select_ge_u8x4(step, difference, going_on, 0);
+            }
+            self.going_on = going_on;
+            if going_on == 0 {
+                return false;
+            }
+            self.lengths += going_on;
+        }
+    }
+
+    /// Extends the arms that go on beyond the distance `within`, pixel by pixel, as long as `continues`
+    /// says so of a pixel and a distance.
+    #[inline(always)]
+    fn finish(&mut self, within: usize, continues: impl Fn(usize, usize) -> bool) {
+        let mut lengths = self.lengths.to_le_bytes();
+        let lanes = lengths.iter_mut().zip(self.going_on.to_le_bytes());
+        for (x, (length, goes_on)) in (self.x..).zip(lanes) {
+            let distances =
+                (within + 1..).take_while(|&distance| goes_on > 0 && continues(x, distance));
+            *length += distances.count() as u8;
+        }
+        self.lengths = u32::from_le_bytes(lengths);
     }
 }

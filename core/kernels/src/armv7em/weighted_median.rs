@@ -7,14 +7,15 @@
 
 use core::array::from_fn;
 
+use bytemuck::{must_cast_ref, try_cast_slice_mut};
 use vgstereo_core::disparity::INVALID;
 use vgstereo_core::kernel::{self, WeightedMedianRow};
 
 use super::simd::{
-    add_even_bytes, add_odd_bytes, add_saturating_i16x2, add_saturating_u8x4, distance_u8x4,
-    even_bytes, halve_sum_u8x4, halve_sum_u16x2, load, max_u8x4, min_i16x2, min_u8x4, odd_bytes,
-    pair_of, saturate_to_u8x2, select_ge_i16x2, select_ge_u8x4, select_ge_u16x2, splat_u8,
-    splat_u16, sub_saturating_i16x2, sub_saturating_u8x4,
+    add_even_bytes, add_odd_bytes, add_saturating_i16x2, add_saturating_u8x4, afresh,
+    distance_u8x4, even_bytes, halve_sum_u8x4, halve_sum_u16x2, in_order, load, load_six, max_u8x4,
+    min_i16x2, min_u8x4, odd_bytes, pair_of, saturate_to_u8x2, select_ge_i16x2, select_ge_u8x4,
+    select_ge_u16x2, splat_u8, splat_u16, sub_saturating_i16x2, sub_saturating_u8x4,
 };
 
 /// Pixels filtered at once.
@@ -64,12 +65,7 @@ pub(super) fn weighted_median_row(
     output: &mut [i16],
 ) {
     let width = output.len();
-    let count = row.rows * row.tap_columns().len();
-    let words = bytemuck::try_cast_slice_mut::<u8, u32>(weights);
-    let words = words
-        .ok()
-        .and_then(|words| words.split_at_mut_checked(count));
-    let (true, Some((weights, list))) = (width >= LANES, words) else {
+    let (true, Ok(list)) = (width >= LANES, try_cast_slice_mut(weights)) else {
         kernel::weighted_median_row(row, weights, output);
         return;
     };
@@ -81,9 +77,9 @@ pub(super) fn weighted_median_row(
         let x = x.min(width - LANES);
         let is_clear = clear.start <= x && x + window <= clear.end;
         let medians = match (row.channels, is_clear) {
-            (1, true) => filter_block::<1, true>(row, x, weights, list),
-            (1, false) => filter_block::<1, false>(row, x, weights, list),
-            _ => filter_block::<3, false>(row, x, weights, list),
+            (1, true) => filter_block::<1, true>(row, x, list),
+            (1, false) => filter_block::<1, false>(row, x, list),
+            _ => filter_block::<3, false>(row, x, list),
         };
         if let (Some(medians), Some(output)) = (medians, output.get_mut(x..x + LANES)) {
             output.copy_from_slice(&medians);
@@ -117,10 +113,8 @@ fn clear_columns(row: &WeightedMedianRow<'_>) -> core::ops::Range<usize> {
 fn filter_block<const CHANNELS: usize, const CLEAR: bool>(
     row: &WeightedMedianRow<'_>,
     x: usize,
-    weights: &mut [u32],
     list: &mut [Tap],
 ) -> Option<[i16; LANES]> {
-    weigh::<CHANNELS>(row, x, weights)?;
     let own = words_of(run_at(
         row.values.get(row.centre)?,
         x + row.window_width / 2,
@@ -134,7 +128,7 @@ fn filter_block<const CHANNELS: usize, const CLEAR: bool>(
         min_i16x2(select_ge_i16x2(own, lowest, origin, 0), last)
     });
     loop {
-        let listed = list_taps::<CLEAR>(row, x, weights, origins, list)?;
+        let listed = list_taps::<CHANNELS, CLEAR>(row, x, origins, list)?;
         let listed = list.get(..listed)?;
         let totals = total(listed);
         let medians = search(listed, totals);
@@ -162,49 +156,69 @@ fn filter_block<const CHANNELS: usize, const CLEAR: bool>(
     }
 }
 
-/// Writes the weights of the taps of the four pixels from `x` on, in the byte order of [`Tap`].
+/// Lists the taps with a weight for any of the four pixels from `x` on; returns their number.
 #[inline(always)]
-fn weigh<const CHANNELS: usize>(
+fn list_taps<const CHANNELS: usize, const CLEAR: bool>(
     row: &WeightedMedianRow<'_>,
     x: usize,
-    weights: &mut [u32],
-) -> Option<()> {
+    origins: Halfwords,
+    list: &mut [Tap],
+) -> Option<usize> {
     let count = row.tap_columns().len();
     let mut centres = [0; CHANNELS];
     for (centre, levels) in centres.iter_mut().zip(row.centres) {
         *centre = load(run_at(levels, x)?);
     }
-    let rows = weights.chunks_exact_mut(count.max(1));
-    let rows = rows.zip(row.places.chunks_exact(count.max(1)));
-    for (index, (weights, places)) in rows.enumerate().take(row.rows) {
+    let rows = row.places.chunks_exact(count.max(1)).zip(&row.values);
+    let mut listed = 0;
+    for (index, (places, values)) in rows.enumerate().take(row.rows) {
         let mut pairs = [&[][..]; CHANNELS];
         for (pairs, levels) in pairs.iter_mut().zip(&row.levels) {
             *pairs = pairs_from(levels.get(index)?, x, count)?;
         }
-        weigh_row(pairs, centres, splat_u8(row.colour_reach), places, weights)?;
+        let taps = TapRow {
+            levels: pairs,
+            values: pairs_from(values, x, count)?,
+            places,
+        };
+        let reach = splat_u8(row.colour_reach);
+        let list = list.get_mut(listed..)?;
+        listed += list_row::<CHANNELS, CLEAR>(&taps, centres, reach, origins, list)?;
     }
-    Some(())
+    Some(listed)
 }
 
-/// Writes the weights of one row of taps. `pairs` are pairs of neighbouring pixels, one more than
-/// there are taps.
+/// One row of taps of four pixels: pairs of neighbouring levels and values, one more than there are
+/// taps.
+struct TapRow<'a, const CHANNELS: usize> {
+    levels: [&'a [[u8; 2]]; CHANNELS],
+    values: &'a [[i16; 2]],
+    /// Weight of each tap by its distance.
+    places: &'a [u8],
+}
+
+/// Lists the taps of one row that have a weight; returns their number, or `None` if there is no room
+/// for them.
 #[inline(never)]
-fn weigh_row<const CHANNELS: usize>(
-    pairs: [&[[u8; 2]]; CHANNELS],
+fn list_row<const CHANNELS: usize, const CLEAR: bool>(
+    taps: &TapRow<'_, CHANNELS>,
     centres: [u32; CHANNELS],
     reach: u32,
-    places: &[u8],
-    weights: &mut [u32],
-) -> Option<()> {
-    let count = weights.len();
+    origins: Halfwords,
+    list: &mut [Tap],
+) -> Option<usize> {
+    let (places, count) = (taps.places, taps.places.len());
+    let table = afresh(&WEIGHTS);
     let mut levels = [&[][..]; CHANNELS];
     let mut before = [0; CHANNELS];
     for channel in 0..CHANNELS {
-        let (&first, rest) = pairs[channel].split_first()?;
+        let (&first, rest) = taps.levels[channel].split_first()?;
         before[channel] = u32::from(u16::from_le_bytes(first));
         levels[channel] = rest.get(..count)?;
     }
-    let places = places.get(..count)?;
+    let values = (taps.values.get(..count)?, taps.values.get(1..count + 1)?);
+    let list = list.get_mut(..count)?;
+    let mut listed = 0;
     for tap in 0..count {
         let mut difference = 0;
         for channel in 0..CHANNELS {
@@ -220,56 +234,18 @@ fn weigh_row<const CHANNELS: usize>(
             };
         }
         let likeness = sub_saturating_u8x4(reach, difference);
-        weights[tap] = likeness;
-        if likeness > 0 {
-            let by_likeness = &WEIGHTS[usize::from(places[tap]) % PLACES];
-            let weight = |lane: u32| {
-                // The likeness fits six bits.
-                u32::from(by_likeness[(likeness >> (8 * lane)) as usize % LIKENESSES])
-            };
-            weights[tap] = weight(0) | weight(1) << 16 | weight(2) << 8 | weight(3) << 24;
+        if likeness == 0 {
+            continue;
         }
-    }
-    Some(())
-}
-
-/// Lists the taps with a weight for any of the four pixels from `x` on; returns their number.
-#[inline(always)]
-fn list_taps<const CLEAR: bool>(
-    row: &WeightedMedianRow<'_>,
-    x: usize,
-    weights: &[u32],
-    origins: Halfwords,
-    list: &mut [Tap],
-) -> Option<usize> {
-    let count = row.tap_columns().len();
-    let mut listed = 0;
-    let rows = weights.chunks_exact(count.max(1)).zip(&row.values);
-    for (weights, values) in rows.take(row.rows) {
-        let pairs = pairs_from(values, x, count)?;
-        listed += list_row::<CLEAR>(pairs, weights, origins, list.get_mut(listed..)?)?;
-    }
-    Some(listed)
-}
-
-/// Lists the taps of one row that have a weight; returns their number. `pairs` are pairs of
-/// neighbouring values, one more than there are taps.
-#[inline(never)]
-fn list_row<const CLEAR: bool>(
-    pairs: &[[i16; 2]],
-    weights: &[u32],
-    origins: Halfwords,
-    list: &mut [Tap],
-) -> Option<usize> {
-    let count = weights.len();
-    let (first, pairs) = pairs.split_first()?;
-    let (pairs, list) = (pairs.get(..count)?, list.get_mut(..count)?);
-    let mut before = pair_of(first);
-    let mut listed = 0;
-    for tap in 0..count {
-        let values = [before, pair_of(&pairs[tap])];
-        before = values[1];
-        let mut weights = weights[tap];
+        let by_likeness = &table[usize::from(places[tap]) % PLACES];
+        let weight = |lane: u32| {
+            // The likeness fits six bits.
+            u32::from(by_likeness[(likeness >> (8 * lane)) as usize % LIKENESSES])
+        };
+        let mut weights = in_order(weight(0) | weight(1) << 16);
+        weights = in_order(weights | weight(2) << 8);
+        weights = in_order(weights | weight(3) << 24);
+        let values = [pair_of(&values.0[tap]), pair_of(&values.1[tap])];
         if !CLEAR {
             let least = splat_u16((INVALID + 1).cast_unsigned());
             let known = |values, byte| select_ge_i16x2(values, least, byte, 0);
@@ -277,9 +253,8 @@ fn list_row<const CLEAR: bool>(
         }
         let [a, b] =
             from_fn(|word| saturate_to_u8x2(sub_saturating_i16x2(values[word], origins[word])));
-        // The next tap overwrites one without a weight, which spares a branch.
         *list.get_mut(listed)? = [a | b << 8, weights];
-        listed += usize::from(weights > 0);
+        listed += 1;
     }
     Some(listed)
 }
@@ -288,13 +263,10 @@ fn list_row<const CLEAR: bool>(
 #[inline(never)]
 fn total(listed: &[Tap]) -> Halfwords {
     let mut totals = [0; 2];
-    let mut add = |&[_, weights]: &Tap| {
+    each_tap(listed, |[_, weights]| {
         totals[0] = add_even_bytes(totals[0], weights);
         totals[1] = add_odd_bytes(totals[1], weights);
-    };
-    let (fours, rest) = listed.as_chunks::<4>();
-    fours.iter().flatten().for_each(&mut add);
-    rest.iter().for_each(add);
+    });
     totals
 }
 
@@ -316,14 +288,11 @@ fn search(listed: &[Tap], totals: Halfwords) -> u32 {
     let mut step = splat_u8(2);
     loop {
         let (mut below_low, mut below_high) = (0, 0);
-        let mut add = |&[values, weights]: &Tap| {
+        each_tap(listed, |[values, weights]| {
             let counted = select_ge_u8x4(probes, values, weights, 0);
             below_low = add_even_bytes(below_low, counted);
             below_high = add_odd_bytes(below_high, counted);
-        };
-        let (pairs, rest) = listed.as_chunks::<2>();
-        pairs.iter().flatten().for_each(&mut add);
-        rest.iter().for_each(&mut add);
+        });
         let is_enough = select_ge_u16x2(below_low, halves[0], splat_u16(0xff), 0)
             | select_ge_u16x2(below_high, halves[1], splat_u16(0xff00), 0);
         let enough = |yes, no| select_ge_u8x4(is_enough, splat_u8(u8::MAX), yes, no);
@@ -339,6 +308,19 @@ fn search(listed: &[Tap], totals: Halfwords) -> u32 {
         probes = enough(down, up);
         step = add_saturating_u8x4(step, step);
     }
+}
+
+/// Calls `body` with each tap; three are loaded at a time.
+#[inline(always)]
+fn each_tap(listed: &[Tap], mut body: impl FnMut(Tap)) {
+    let (threes, rest) = listed.as_chunks::<3>();
+    for three in threes {
+        let [a, a_weights, b, b_weights, c, c_weights] = load_six(must_cast_ref(three));
+        body([a, a_weights]);
+        body([b, b_weights]);
+        body([c, c_weights]);
+    }
+    rest.iter().for_each(|&tap| body(tap));
 }
 
 /// Packs four values into two words.
