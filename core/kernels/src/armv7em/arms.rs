@@ -63,7 +63,7 @@ fn arms_of<const CHANNELS: usize>(levels: [&[u8]; CHANNELS], row: &ArmsRow<'_>, 
         }
         if after < reach {
             right.finish(after, |x, distance| {
-                distance < width - x && steps.are_like(levels, x, x + distance, distance)
+                x + distance < width && steps.are_like(levels, x, x + distance, distance)
             });
         }
 
