@@ -10,9 +10,9 @@ use vgstereo_core::kernel::{
 };
 use vgstereo_kernels::NativeKernels;
 use vgstereo_kernels::cases::{
-    AggregateCase, ArmsCase, Case, ChannelCase, ConvertCase, CostCase, LumaCase, MaskCase,
-    Median9Case, OwnPlanes, PackCase, PathsCase, RecallCase, SelectCase, SmoothCase,
-    WeightedMedianCase, fill_costs, generator, levels_below,
+    AggregateCase, ArmsCase, Case, ChannelCase, CheckCase, ConvertCase, CostCase, LumaCase,
+    MaskCase, Median9Case, OwnPlanes, PackCase, PathsCase, PenaltyCase, RecallCase, SelectCase,
+    SmoothCase, WeightedMedianCase, fill_costs, generator, levels_below,
 };
 
 const WIDTH: usize = 450;
@@ -62,6 +62,12 @@ fn levels(criterion: &mut Criterion) {
     case.rows = [(); 3].map(|()| levels_below(random, WIDTH + 2, 12));
     case.step_max = 5;
     measure(criterion, "smooth_row", "450", WIDTH, &mut case);
+    let mut case = PenaltyCase::random(random, WIDTH);
+    case.own = levels_below(random, WIDTH, 40);
+    case.neighbours = levels_below(random, WIDTH, 40);
+    measure(criterion, "penalty_row", "450", WIDTH, &mut case);
+    let mut case = CheckCase::random(random, WIDTH);
+    measure(criterion, "check_row", "450", WIDTH, &mut case);
 }
 
 /// Elements are cells.

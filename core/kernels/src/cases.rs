@@ -14,10 +14,10 @@ use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_core::disparity::INVALID;
 use vgstereo_core::kernel::{
-    AggregateRow, ArmsRow, CELLS_PER_BYTE, CostRun, Interpolation, Kernels, LANES, LevelConversion,
-    MASK_LANES, MAX_CHANNELS, MAX_TAP_ROWS, MaskBlock, NO_COST, PixelFormat, Planes, ResampleRow,
-    RowRecall, SubpixelStep, TieBreak, WeightedMedianRow, arms_scratch_bytes, cost_stride,
-    path_scratch_bytes,
+    AggregateRow, ArmsRow, CELLS_PER_BYTE, CheckRow, CostRun, Interpolation, Kernels, LANES,
+    LevelConversion, MASK_LANES, MAX_CHANNELS, MAX_TAP_ROWS, MaskBlock, NO_COST, Penalty,
+    PixelFormat, Planes, ResampleRow, RowRecall, SubpixelStep, TieBreak, WeightedMedianRow,
+    arms_scratch_bytes, cost_stride, path_scratch_bytes,
 };
 
 /// A task for one kernel.
@@ -310,6 +310,112 @@ impl Case for ConvertCase {
 
     fn output(&self) -> [Vec<u8>; 2] {
         [self.low.clone(), self.high.clone()]
+    }
+}
+
+/// Task for [`Kernels::penalty_row`].
+#[derive(Debug, Clone)]
+pub struct PenaltyCase {
+    pub penalty: Penalty,
+    pub own: Vec<u8>,
+    pub neighbours: Vec<u8>,
+    pub p2: Vec<u8>,
+}
+
+impl PenaltyCase {
+    /// Penalties of a row of `width` pixels.
+    pub fn random(random: &mut Pcg32, width: usize) -> Self {
+        let mut any = || byte(random) >> below(random, 8);
+        Self {
+            penalty: Penalty {
+                most: any(),
+                floor: any(),
+                adaptation_q4: any(),
+                step_min: any(),
+            },
+            own: levels(random, width),
+            neighbours: levels(random, width),
+            p2: vec![1; width],
+        }
+    }
+}
+
+impl Case for PenaltyCase {
+    type Output = Vec<u8>;
+
+    fn run(&mut self, kernels: impl Kernels) {
+        kernels.penalty_row(&self.penalty, &self.own, &self.neighbours, &mut self.p2);
+    }
+
+    fn output(&self) -> Vec<u8> {
+        self.p2.clone()
+    }
+}
+
+/// Task for [`Kernels::check_row`].
+#[derive(Debug, Clone)]
+pub struct CheckCase {
+    pub best: Vec<u16>,
+    pub refined_index_q4: Vec<i16>,
+    pub margins: Vec<i16>,
+    pub others: Vec<u32>,
+    pub first: u32,
+    pub tolerance_px: u8,
+    pub margin: i16,
+    pub found: Vec<i16>,
+    pub confidences: Vec<u8>,
+}
+
+impl CheckCase {
+    /// A row of `width` pixels, of which most have a match; about half of the matches agree.
+    pub fn random(random: &mut Pcg32, width: usize) -> Self {
+        let disparities = 1 + below(random, 64);
+        let best: Vec<_> = (0..width)
+            .map(|_| below(random, disparities) as u16)
+            .collect();
+        let others = (0..width + disparities).map(|_| match below(random, 9) {
+            0 => u32::MAX,
+            _ => random.next_u32() << 16 | below(random, disparities) as u32,
+        });
+        let others = others.collect();
+        let margins = (0..width).map(|_| match below(random, 9) {
+            0 => i16::MAX,
+            1 => random.next_u32() as i16,
+            _ => below(random, 300) as i16,
+        });
+        let margins = margins.collect();
+        Self {
+            refined_index_q4: best.iter().map(|&best| best as i16 * 16 + 5).collect(),
+            best,
+            margins,
+            others,
+            first: (width + below(random, 9)).wrapping_sub(5) as u32,
+            tolerance_px: [0, 1, 1, 2, 255][below(random, 5)],
+            margin: below(random, 200) as i16 - 20,
+            found: vec![1; width],
+            confidences: vec![1; width],
+        }
+    }
+}
+
+impl Case for CheckCase {
+    type Output = (Vec<i16>, Vec<u8>);
+
+    fn run(&mut self, kernels: impl Kernels) {
+        let row = CheckRow {
+            best: &self.best,
+            refined_index_q4: &self.refined_index_q4,
+            margins: &self.margins,
+            others: &self.others,
+            first: self.first,
+            tolerance_px: self.tolerance_px,
+            margin: self.margin,
+        };
+        kernels.check_row(&row, &mut self.found, &mut self.confidences);
+    }
+
+    fn output(&self) -> (Vec<i16>, Vec<u8>) {
+        (self.found.clone(), self.confidences.clone())
     }
 }
 

@@ -13,6 +13,7 @@
 
 mod aggregate;
 mod arms;
+mod check;
 mod convert;
 mod cost;
 mod hamming;
@@ -21,6 +22,7 @@ mod median9;
 mod nearest;
 mod neighbours;
 mod pack;
+mod penalty;
 mod recall;
 mod resample;
 mod select;
@@ -31,6 +33,7 @@ mod weighted_median;
 
 pub use aggregate::{AggregateRow, aggregate_paths, path_scratch_bytes};
 pub use arms::{ArmsRow, arms_row, arms_scratch_bytes};
+pub use check::{CheckRow, check_row};
 pub use convert::{LevelConversion, convert_row};
 pub use cost::{CostRun, NO_COST, cost_run, cost_stride};
 pub use hamming::{LANES, NO_DISTANCE, Planes, distances};
@@ -38,6 +41,7 @@ pub use mask::{MASK_LANES, MaskBlock, mask_block};
 pub use median9::median9_row;
 pub use nearest::{Nearest, best, nearest, nth_at};
 pub use pack::{CELLS_PER_BYTE, pack_cells};
+pub use penalty::{Penalty, penalty_row};
 pub(crate) use recall::pick;
 pub use recall::{RowRecall, TieBreak, recall_row};
 pub use resample::{
@@ -94,6 +98,9 @@ pub trait Kernels: Copy {
     /// Computes the matching costs of a run of pixels; see [`cost_run`].
     fn cost_run(&self, run: &CostRun<'_>, costs: &mut [u8]);
 
+    /// Writes penalties of larger steps of disparity; see [`penalty_row`].
+    fn penalty_row(&self, penalty: &Penalty, own: &[u8], neighbours: &[u8], p2: &mut [u8]);
+
     /// Aggregates a row of costs along three paths, in place of the costs; see
     /// [`aggregate_paths`].
     fn aggregate_paths(&self, row: &mut AggregateRow<'_>);
@@ -104,6 +111,9 @@ pub trait Kernels: Copy {
     /// Aggregates a row and selects. The outputs equal those of [`Kernels::aggregate_paths`]
     /// followed by [`Kernels::select_row`]; the content of scratch may differ.
     fn aggregate_row(&self, row: &mut AggregateRow<'_>);
+
+    /// Checks a row of selected disparities; see [`check_row`].
+    fn check_row(&self, row: &CheckRow<'_>, found: &mut [i16], confidences: &mut [u8]);
 
     /// Measures the arms of the cross-based vote along a line; see [`arms_row`].
     fn arms_row(&self, row: &ArmsRow<'_>, scratch: &mut [u8], arms: &mut [i16]);
@@ -132,8 +142,8 @@ macro_rules! kernel_methods {
     };
     ($write:tt $how:tt) => {
         $crate::kernel_methods!($write $how: luma_row, channel_row, resample_row, convert_row,
-            smooth_row, pack_cells, recall_row, mask_block, cost_run, aggregate_paths, select_row,
-            aggregate_row, arms_row, median9_row, weighted_median_row);
+            smooth_row, pack_cells, recall_row, mask_block, cost_run, penalty_row, aggregate_paths,
+            select_row, aggregate_row, check_row, arms_row, median9_row, weighted_median_row);
     };
     (@ luma_row $($to:tt)+) => {
         $crate::kernel_methods!(@@ luma_row $($to)+,
@@ -173,6 +183,10 @@ macro_rules! kernel_methods {
         $crate::kernel_methods!(@@ cost_run $($to)+,
             run: &$crate::kernel::CostRun<'_>, costs: &mut [u8]);
     };
+    (@ penalty_row $($to:tt)+) => {
+        $crate::kernel_methods!(@@ penalty_row $($to)+,
+            penalty: &$crate::kernel::Penalty, own: &[u8], neighbours: &[u8], p2: &mut [u8]);
+    };
     (@ aggregate_paths $($to:tt)+) => {
         $crate::kernel_methods!(@@ aggregate_paths $($to)+,
             row: &mut $crate::kernel::AggregateRow<'_>);
@@ -183,6 +197,10 @@ macro_rules! kernel_methods {
     (@ aggregate_row $($to:tt)+) => {
         $crate::kernel_methods!(@@ aggregate_row $($to)+,
             row: &mut $crate::kernel::AggregateRow<'_>);
+    };
+    (@ check_row $($to:tt)+) => {
+        $crate::kernel_methods!(@@ check_row $($to)+,
+            row: &$crate::kernel::CheckRow<'_>, found: &mut [i16], confidences: &mut [u8]);
     };
     (@ arms_row $($to:tt)+) => {
         $crate::kernel_methods!(@@ arms_row $($to)+,
@@ -219,8 +237,8 @@ impl Kernels for Portable {
     const FUSES_SELECTION: bool = false;
 
     kernel_methods!([call_reference] {}: luma_row, channel_row, resample_row, convert_row,
-        smooth_row, pack_cells, recall_row, mask_block, cost_run, aggregate_paths, select_row, arms_row, median9_row,
-        weighted_median_row);
+        smooth_row, pack_cells, recall_row, mask_block, cost_run, penalty_row, aggregate_paths,
+        select_row, check_row, arms_row, median9_row, weighted_median_row);
 
     #[inline]
     fn aggregate_row(&self, row: &mut AggregateRow<'_>) {
@@ -247,8 +265,8 @@ impl Kernels for Portable {
 ///     const FUSES_SELECTION: bool = Portable::FUSES_SELECTION;
 ///
 ///     vgstereo_core::forward_kernels!(set => &Portable; luma_row, channel_row, resample_row,
-///         convert_row, smooth_row, pack_cells, recall_row, mask_block, aggregate_paths, select_row,
-///         aggregate_row, arms_row, weighted_median_row);
+///         convert_row, smooth_row, pack_cells, recall_row, mask_block, penalty_row,
+///         aggregate_paths, select_row, aggregate_row, check_row, arms_row, weighted_median_row);
 ///     vgstereo_core::forward_kernels!(set => &Portable, within |body| {
 ///         set.0.set(set.0.get() + 1);
 ///         body()

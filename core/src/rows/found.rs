@@ -52,13 +52,6 @@ impl Found {
     pub(crate) const fn doubted(self) -> Self {
         if self.holds() { Self(!self.0) } else { self }
     }
-
-    /// From a disparity and two masks of all ones or none, without a branch: found where
-    /// `agrees` and `is_clear` are set, in doubt where only `agrees` is, else not found.
-    #[inline(always)]
-    pub(crate) const fn select(index_q4: i16, agrees: i16, is_clear: i16) -> Self {
-        Self(((index_q4 ^ !is_clear) & agrees) | (INVALID & !agrees))
-    }
 }
 
 #[cfg(test)]
@@ -68,17 +61,14 @@ mod tests {
     #[test]
     fn the_three_states_tell_themselves_apart() {
         for index_q4 in [0, 1, 16, 32_752] {
-            let found = Found::select(index_q4, -1, -1);
-            let doubted = Found::select(index_q4, -1, 0);
+            let found = Found::of(index_q4);
+            let doubted = Found::of(!index_q4);
             assert_eq!(found.stored(), index_q4);
             assert!(found.holds() && found.is_found());
             assert!(!doubted.holds() && doubted.is_found());
             assert_eq!((found.index_q4(), doubted.index_q4()), (index_q4, index_q4));
             assert_eq!((found.doubted(), doubted.doubted()), (doubted, doubted));
             assert_eq!(Found::of(doubted.stored()), doubted);
-            for is_clear in [-1, 0] {
-                assert_eq!(Found::select(index_q4, 0, is_clear), Found::NOT_FOUND);
-            }
             assert!(Found::NOT_FOUND.index_q4() > index_q4);
         }
         let none = Found::NOT_FOUND;

@@ -3,6 +3,7 @@
 use core::ops::Range;
 
 use crate::disparity::INVALID;
+use crate::kernel::{CheckRow, Kernels};
 use crate::rows::{Found, fill_outside};
 
 /// A row of selected disparities, to be checked.
@@ -55,7 +56,7 @@ impl RowCheck<'_> {
 
     /// Writes the state of each pixel, as stored values of [`Found`], and its confidence: the
     /// margin, clamped to 1 to 255, if its disparity holds, else 0.
-    pub fn write(&self, found: &mut [i16], confidences: &mut [u8]) {
+    pub fn write(&self, kernels: &impl Kernels, found: &mut [i16], confidences: &mut [u8]) {
         let count = self.best.len();
         // The other view's best matches at the positions of its pixels.
         let minimum_px = isize::from(self.minimum_px);
@@ -65,23 +66,17 @@ impl RowCheck<'_> {
         let others = others
             .and_then(|others| others.get(start..))
             .unwrap_or_default();
-        // Without branches, because it is hard to predict where the views agree. First, masks of
-        // all ones where they do.
-        for (x, (&best, agrees)) in self.best.iter().zip(&mut *found).enumerate() {
-            // Before the first of them the position wraps round, and is then beyond the last.
-            let position = (count - 1 - x + usize::from(best)).wrapping_sub(start);
-            // The low half is the other pixel's index; that of no match is far from every index.
-            let other = others.get(position).map_or(u16::MAX, |&other| other as u16);
-            *agrees = -i16::from(other.abs_diff(best) <= self.tolerance_px.into());
-        }
-        let pixels = self.refined_index_q4.iter().zip(self.margins);
-        let outputs = found.iter_mut().zip(confidences.iter_mut());
-        for ((&refined_index_q4, &margin), (found, confidence)) in pixels.zip(outputs) {
-            let agrees = *found;
-            let is_clear = -i16::from(margin >= self.margin);
-            *found = Found::select(refined_index_q4, agrees, is_clear).stored();
-            *confidence = (margin.clamp(1, 255) & is_clear & agrees) as u8;
-        }
+        let row = CheckRow {
+            best: self.best,
+            refined_index_q4: self.refined_index_q4,
+            margins: self.margins,
+            others,
+            // Rows have less than 2^16 pixels.
+            first: count.wrapping_sub(start + 1) as u32,
+            tolerance_px: self.tolerance_px,
+            margin: self.margin,
+        };
+        kernels.check_row(&row, found, confidences);
         fill_outside(found, &self.valid, INVALID);
         fill_outside(confidences, &self.valid, 0);
         if self.texture_min == 0 {

@@ -9,14 +9,13 @@ use super::evidence::{self, Evidence};
 use super::exposure::Exposure;
 use super::line_gain::LineGain;
 use super::masks::{RowMasks, SgmMasks, block_first};
-use super::penalties::write_penalties;
 use super::plan::SgmPlan;
 use super::rivals::Rivals;
 use crate::config::{Config, ConfigError, SgmParameters, Support};
 use crate::disparity::{DisparityRange, STEPS_PER_PX};
 use crate::kernel::{
     AggregateRow, CELLS_PER_BYTE, CostRun, Kernels, LevelConversion, MASK_LANES, MAX_CHANNELS,
-    Planes, path_scratch_bytes,
+    Penalty, Planes, path_scratch_bytes,
 };
 use crate::pattern::{PatternRow, Sampler, Synapses};
 use crate::rows::{Arena, Line, NewestRows, Strip, ViewPair, extend_run};
@@ -449,15 +448,21 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
     /// Aggregates the costs of a row and selects the best disparities of both views.
     fn aggregate(&mut self, line: u32, is_first: bool) {
         let (parameters, plan) = (&self.parameters, &self.plan);
-        let step_min = self.noise_step();
+        let penalty = Penalty {
+            most: parameters.p2,
+            floor: parameters.p2_floor,
+            adaptation_q4: parameters.p2_adaptation_q4,
+            step_min: self.noise_step(),
+        };
         let grey = self.views.reference.grey().row(line);
         let above = self.views.reference.grey().row(line.saturating_sub(1));
         if let Some((first, after)) = self.p2_along.split_first_mut() {
             *first = parameters.p2;
             let others = grey.get(1..).unwrap_or_default();
-            write_penalties(parameters, step_min, others, grey, after);
+            self.kernels.penalty_row(&penalty, others, grey, after);
         }
-        write_penalties(parameters, step_min, grey, above, self.p2_down);
+        self.kernels
+            .penalty_row(&penalty, grey, above, self.p2_down);
         self.kernels.aggregate_row(&mut AggregateRow {
             costs: self.costs,
             from_right: self
@@ -500,7 +505,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
             reach,
             texture_min: self.parameters.texture_min,
         };
-        check.write(self.found, self.confidences);
+        check.write(&self.kernels, self.found, self.confidences);
         if self.parameters.difference_weight_q4 == 0 {
             return;
         }

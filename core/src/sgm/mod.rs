@@ -28,7 +28,6 @@ mod line_gain;
 mod masks;
 mod matcher;
 mod medians;
-mod penalties;
 mod plan;
 mod refine;
 mod region_vote;

@@ -102,12 +102,17 @@ impl<'m> Speckle<'m> {
         let mut rest = &mut *output;
         let mut column = 0;
         while !rest.is_empty() {
-            let length = search.run_length(rest.iter());
-            let Some((run, after)) = rest.split_at_mut_checked(length.max(1)) else {
+            let gap = rest
+                .iter()
+                .take_while(|&&found| !Found::of(found).is_found());
+            let gap = gap.count();
+            let from = rest.get_mut(gap..).unwrap_or_default();
+            column += gap;
+            let length = search.run_length(from.iter());
+            let Some((run, after)) = from.split_at_mut_checked(length) else {
                 break;
             };
-            let is_short = length > 0 && length < enough;
-            if is_short && search.is_small(centre, column, length) {
+            if length < enough && search.is_small(centre, column, length) {
                 run.fill(Found::NOT_FOUND.stored());
                 if let Some(confidences) = confidences.get_mut(column..column + length) {
                     confidences.fill(0);
@@ -235,16 +240,12 @@ impl Search<'_> {
     }
 }
 
-/// The disparity of a stored value, in doubt or not, 1/16 px; if there is none, a number that is
+/// The disparity of a stored value, in doubt or not, and 1/16 px more; if there is none, a number that is
 /// far from all disparities.
 #[inline(always)]
 fn disparity(stored: i16) -> i32 {
-    let found = Found::of(stored);
-    if found.is_found() {
-        found.index_q4().into()
-    } else {
-        1 << 20
-    }
+    // None is the largest number, which becomes the smallest.
+    Found::of(stored).index_q4().wrapping_add(1).into()
 }
 
 #[cfg(test)]

@@ -7,11 +7,13 @@
 
 mod aggregate;
 mod arms;
+mod check;
 mod convert;
 mod cost;
 mod mask;
 mod median9;
 mod pack;
+mod penalty;
 mod resample;
 mod select;
 #[allow(unsafe_code)]
@@ -21,8 +23,8 @@ mod weighted_median;
 
 use vgstereo_core::forward_kernels;
 use vgstereo_core::kernel::{
-    AggregateRow, ArmsRow, CELLS_PER_BYTE, CostRun, Kernels, LevelConversion, MaskBlock, Portable,
-    ResampleRow, WeightedMedianRow,
+    AggregateRow, ArmsRow, CELLS_PER_BYTE, CheckRow, CostRun, Kernels, LevelConversion, MaskBlock,
+    Penalty, Portable, ResampleRow, WeightedMedianRow,
 };
 
 /// Kernel set in byte SIMD for Cortex-M4 and Cortex-M7.
@@ -76,6 +78,11 @@ impl Kernels for Armv7em {
     }
 
     #[inline]
+    fn penalty_row(&self, penalty: &Penalty, own: &[u8], neighbours: &[u8], p2: &mut [u8]) {
+        penalty::penalty_row(penalty, own, neighbours, p2);
+    }
+
+    #[inline]
     fn aggregate_paths(&self, row: &mut AggregateRow<'_>) {
         aggregate::aggregate_paths(row);
     }
@@ -89,6 +96,11 @@ impl Kernels for Armv7em {
     fn aggregate_row(&self, row: &mut AggregateRow<'_>) {
         self.aggregate_paths(row);
         self.select_row(row);
+    }
+
+    #[inline]
+    fn check_row(&self, row: &CheckRow<'_>, found: &mut [i16], confidences: &mut [u8]) {
+        check::check_row(row, found, confidences);
     }
 
     #[inline]

@@ -17,9 +17,9 @@ use vgstereo_core::kernel::{Kernels, MASK_LANES, MAX_TAP_ROWS, PixelFormat, Port
 #[cfg(target_arch = "aarch64")]
 use vgstereo_kernels::aarch64::Neon;
 use vgstereo_kernels::cases::{
-    AggregateCase, ArmsCase, Case, ChannelCase, ConvertCase, CostCase, LumaCase, MaskCase,
-    Median9Case, PackCase, PathsCase, RecallCase, ResampleCase, SelectCase, SmoothCase,
-    WeightedMedianCase, generator,
+    AggregateCase, ArmsCase, Case, ChannelCase, CheckCase, ConvertCase, CostCase, LumaCase,
+    MaskCase, Median9Case, PackCase, PathsCase, PenaltyCase, RecallCase, ResampleCase, SelectCase,
+    SmoothCase, WeightedMedianCase, generator,
 };
 #[cfg(target_arch = "x86_64")]
 use vgstereo_kernels::x86_64::{Avx2, Avx512};
@@ -34,8 +34,8 @@ static ALLOCATOR: guarded::Guarded = guarded::Guarded;
 macro_rules! suite {
     ($name:literal: $set:expr) => {
         suite!(@ $name: $set; luma_row, channel_row, resample_row, convert_row, smooth_row,
-            pack_cells, recall_row, mask_block, cost_run, aggregate_paths, select_row,
-            aggregate_row, arms_row, median9_row, weighted_median_row)
+            pack_cells, recall_row, mask_block, cost_run, penalty_row, aggregate_paths, select_row,
+            aggregate_row, check_row, arms_row, median9_row, weighted_median_row)
     };
     (@ $name:literal: $set:expr; $($kernel:ident),+) => {
         [$(trial(concat!($name, "::", stringify!($kernel)), $set, |set| $kernel(set)),)+]
@@ -107,7 +107,8 @@ impl<K: Kernels> Kernels for Forwarded<K> {
 
     forward_kernels!(set => &set.0, within |body| body(); luma_row,
         channel_row, resample_row, convert_row, smooth_row, pack_cells, recall_row, mask_block,
-        cost_run, aggregate_paths, select_row, aggregate_row, arms_row, median9_row, weighted_median_row);
+        cost_run, penalty_row, aggregate_paths, select_row, aggregate_row, check_row, arms_row,
+        median9_row, weighted_median_row);
 }
 
 /// The available sets are those that were detected, and the reference is the first.
@@ -207,6 +208,18 @@ fn resample_row(kernels: impl Kernels) {
 fn convert_row(kernels: impl Kernels) {
     proptest!(config(), |(width in 1_usize..80, seed in any::<u64>())| {
         is_alike(&mut ConvertCase::random(&mut generator(seed), width), kernels)?;
+    });
+}
+
+fn penalty_row(kernels: impl Kernels) {
+    proptest!(config(), |(width in 1_usize..80, seed in any::<u64>())| {
+        is_alike(&mut PenaltyCase::random(&mut generator(seed), width), kernels)?;
+    });
+}
+
+fn check_row(kernels: impl Kernels) {
+    proptest!(config(), |(width in 1_usize..80, seed in any::<u64>())| {
+        is_alike(&mut CheckCase::random(&mut generator(seed), width), kernels)?;
     });
 }
 

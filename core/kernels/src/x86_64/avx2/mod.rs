@@ -40,8 +40,10 @@ impl Kernels for Avx2 {
             smooth_row,
             pack_cells,
             recall_row,
+            penalty_row,
             aggregate_paths,
             select_row,
+            check_row,
             arms_row,
             median9_row,
         }

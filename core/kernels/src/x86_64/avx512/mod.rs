@@ -54,8 +54,10 @@ impl Kernels for Avx512 {
             smooth_row,
             pack_cells,
             recall_row,
+            penalty_row,
             aggregate_paths,
             select_row,
+            check_row,
             arms_row,
             median9_row,
         }
