@@ -17,7 +17,7 @@ const BLOCK_PX: usize = 4;
 /// patterns.
 const SAMPLE_STEP: usize = 2;
 
-/// The highest bit of each sum. No sum has it: 65 costs of at most 254 are less.
+/// The highest bit of each of two sums. No sum has it: 65 costs of at most 254 are less.
 const HIGHEST: u32 = 0x8000_8000;
 
 /// Finds rivals row by row.
@@ -181,8 +181,19 @@ fn has_rival(sums: &[Lanes], samples: usize, parameters: &RivalParameters) -> bo
     let least = (least & 0xffff).min(least >> 16);
     let bound = ((least * u32::from(parameters.ratio_q4)) >> 4) + u32::from(parameters.slack);
     let wall = bound + u32::from(parameters.rise) * samples as u32;
+    let (lows_end, walls_start) = (both_halves(bound), both_halves(wall));
     let (mut has_low, mut has_wall) = (false, false);
     for &sums in sums {
+        // Only a wall is looked for after a low sum, and only a low sum otherwise.
+        let [a, b] = sums;
+        let has_none = if has_low && !has_wall {
+            at_least(a, walls_start) | at_least(b, walls_start) == 0
+        } else {
+            at_least(a, lows_end) & at_least(b, lows_end) == HIGHEST
+        };
+        if has_none {
+            continue;
+        }
         for sum in in_order(sums) {
             if sum < bound {
                 if has_wall {
@@ -197,10 +208,24 @@ fn has_rival(sums: &[Lanes], samples: usize, parameters: &RivalParameters) -> bo
     false
 }
 
+/// A bound of sums in both halves of a word; all that are above every sum are the same.
+fn both_halves(bound: u32) -> u32 {
+    // Either half of `HIGHEST`.
+    let bound = bound.min(1 << 15);
+    bound << 16 | bound
+}
+
+/// The highest bit of each of the two sums of a word that is at least its bound.
+#[inline(always)]
+fn at_least(sums: u32, bounds: u32) -> u32 {
+    // No half borrows.
+    ((sums | HIGHEST) - bounds) & HIGHEST
+}
+
 /// The lesser of each of the two sums of two words.
 fn least_of(a: u32, b: u32) -> u32 {
     // Where `b` is not the greater one, the difference keeps the highest bit.
-    let kept = ((a | HIGHEST) - b) & HIGHEST;
+    let kept = at_least(a, b);
     let mask = kept - (kept >> 15);
     a ^ ((a ^ b) & mask)
 }
