@@ -169,6 +169,10 @@ fn cost_pixels<
     let own: &mut [u8] = must_cast_slice_mut(own.as_mut_slice());
     let mut others = [NOT_ZERO; OTHER_WORDS];
     let others: &mut [u8] = must_cast_slice_mut(others.as_mut_slice());
+    let mut pixel = Pixel {
+        patterns: [[0; TERMS]; BYTES],
+        weights: weighing.words(),
+    };
     let groups = costs.chunks_mut((stride * PIXELS).max(1));
     let cells = run.cell_costs_q8.chunks(PIXELS);
     let cells = cells.zip(run.truncations.chunks(PIXELS));
@@ -212,14 +216,13 @@ fn cost_pixels<
                 return;
             };
             let four = |row: usize| splat_u8(own.get(row * PIXELS).copied().unwrap_or(0));
-            let mut patterns = [[0; TERMS]; BYTES];
-            for (pattern, row) in patterns.as_flattened_mut().iter_mut().zip(0..) {
+            for (pattern, row) in pixel.patterns.as_flattened_mut().iter_mut().zip(0..) {
                 *pattern = in_order(four(row));
             }
             // If all cells count, the cost per cell is a whole number.
             let cell_cost = cell_cost >> if TERMS == 1 { 8 } else { 0 };
-            let weights = weighing.of(four(BYTES * TERMS), cell_cost.into(), truncation);
-            let pixel = Pixel { patterns, weights };
+            let level = four(BYTES * TERMS);
+            weighing.set(&mut pixel.weights, level, cell_cost.into(), truncation);
             for (block, costs) in costs.iter_mut().enumerate() {
                 cost_block::<BYTES, TERMS, POSITIONS, TILE>(&pixel, tile, block, costs, finish);
             }
@@ -384,18 +387,17 @@ impl Weighing {
         })
     }
 
-    /// The words of the [`Weights`] of a pixel with this level in all four bytes.
+    /// The words of the [`Weights`] of any pixel.
+    fn words(&self) -> [u32; 6] {
+        [0, 0, 0, 0, self.difference_truncation, self.weight]
+    }
+
+    /// Sets those of a pixel with this level in all four bytes.
     #[inline(always)]
-    fn of(&self, level: u32, cell_cost: u32, truncation: u8) -> [u32; 6] {
+    fn set(&self, words: &mut [u32; 6], level: u32, cell_cost: u32, truncation: u8) {
         let truncation = splat_u8(truncation);
-        [
-            level,
-            cell_cost,
-            truncation,
-            self.largest.wrapping_add(2 * truncation),
-            self.difference_truncation,
-            self.weight,
-        ]
+        let largest = self.largest.wrapping_add(2 * truncation);
+        [words[0], words[1], words[2], words[3]] = [level, cell_cost, truncation, largest];
     }
 }
 
