@@ -71,7 +71,7 @@ fn select_pixels<const QUADS: usize>(row: &mut AggregateRow<'_>) -> Option<()> {
         paths.zip(outputs)
     {
         let paths = [from_left, from_right, from_above];
-        let key = others.meet(paths, &mut minima);
+        let key = in_order(others.meet(paths, &mut minima));
         // No later pixel reaches the position of this pixel's highest disparity.
         *done = others.best(open.len());
         let selected = select(key, paths, &mut minima, disparities, &subpixel);
@@ -131,15 +131,13 @@ impl<'a> Others<'a> {
         // A position at an even disparity of one pixel is at the next higher, odd, disparity of the
         // next.
         (self.even, self.odd) = ((self.odd - 2) % (2 * PLANE), self.even % (2 * PLANE));
-        let mut best = u32::MAX;
+        let mut best = None;
         unrolled::<QUADS>(|index| {
             let least = self.meet_quad(index, paths.map(|path| path[index]));
-            best = min_u16x2(best, least);
-            if index % 2 == 1 {
-                best = in_order(best);
-            }
+            best = Some(in_order(best.map_or(least, |best| min_u16x2(best, least))));
             minima[index + 1] = least;
         });
+        let best = best.unwrap_or(u32::MAX);
         min_u16x2(best, best >> 16) & 0xffff
     }
 
@@ -155,7 +153,7 @@ impl<'a> Others<'a> {
         for (start, keys) in [(self.even, keys_even), (self.odd, keys_odd)] {
             let others = self.keys.get_mut(start + 4 * quad..);
             if let Some(others) = others.and_then(<[u8]>::first_chunk_mut) {
-                store(min_u16x2(load(others), keys), others);
+                store(in_order(min_u16x2(load(others), keys)), others);
             }
         }
         min_u16x2(keys_even, keys_odd)
