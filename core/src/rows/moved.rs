@@ -3,7 +3,7 @@
 
 use core::ops::Range;
 
-use super::arena::{Arena, OutOfMemory};
+use super::arena::{Arena, OutOfMemory, words};
 use super::copy::copy_common;
 use super::ring::Ring;
 
@@ -69,17 +69,18 @@ impl RowOffsets {
     }
 }
 
-/// The newest lines of a strip as they came, from which lines are moved.
-#[derive(Debug)]
-pub(super) struct CameLines<'m>(Ring<'m, u8>);
+/// The newest lines of a strip as they came, from which lines are moved; none if lines are not moved. No
+/// more than a slice, as strips lie on the stack.
+#[derive(Debug, Default)]
+pub(super) struct CameLines<'m>(&'m mut [u8]);
 
 impl<'m> CameLines<'m> {
     /// Words of memory, for offsets of up to `reach_lines`.
     pub(super) const fn words(width: usize, reach_lines: usize) -> usize {
-        Ring::<u8>::words(width, 0, reach_lines)
+        words(width * reach_lines, 1)
     }
 
-    /// No lines yet.
+    /// Lines for offsets of up to `reach_lines`.
     ///
     /// # Errors
     /// [`OutOfMemory`] if the arena has fewer than [`CameLines::words`] left.
@@ -88,22 +89,33 @@ impl<'m> CameLines<'m> {
         reach_lines: usize,
         arena: &mut Arena<'m>,
     ) -> Result<Self, OutOfMemory> {
-        Ok(Self(Ring::new(width, 0, reach_lines, 0, arena)?))
+        Ok(Self(arena.take(width * reach_lines)?))
     }
 
-    pub(super) fn clear(&mut self) {
-        self.0.clear();
+    /// Whether lines are moved.
+    pub(super) fn is_used(&self) -> bool {
+        !self.0.is_empty()
+    }
+
+    /// The run of positions of a line, one of the newest `reach` of `width` px.
+    fn run(&mut self, line: u32, width: usize, reach: usize, run: &Range<usize>) -> &mut [u8] {
+        let first = line as usize % reach.max(1) * width;
+        let run = first + run.start..first + run.end;
+        self.0.get_mut(run).unwrap_or_default()
     }
 
     /// Moves the newest line of `lines` to its place, and writes the pixels of the lines above that
     /// waited for it: each is mixed from the lines above and below its place by their shares. A pixel
     /// that lies too low waits as it came.
+    // Once, not in each place that stores a line: it is rarely needed, and large.
+    #[inline(never)]
     pub(super) fn move_newest(&mut self, lines: &mut Ring<'_, u8>, offsets: RowOffsets) {
-        let Self(came) = self;
-        let (reach, width) = (came.depth(), came.width());
-        let newest = came.rows_in();
+        let width = lines.width();
+        let reach = self.0.len() / width.max(1);
+        let newest = lines.rows_in().saturating_sub(1);
         if offsets == RowOffsets::NONE {
-            came.push_copy(lines.row(newest));
+            let row = self.run(newest, width, reach, &(0..width));
+            copy_common(row, lines.row(newest));
             return;
         }
         for (run, offset_q4) in offsets.runs_q4(width, reach) {
@@ -115,29 +127,28 @@ impl<'m> CameLines<'m> {
                 &mut own,
                 lines.row(newest).get(run.clone()).unwrap_or_default(),
             );
-            let back = |count: u32| match newest.saturating_sub(count) {
-                line if line == newest => &own[..],
-                line => came.row(line).get(run.clone()).unwrap_or_default(),
+            let mut back = |count: u32| {
+                let mut levels = own;
+                // Above the first line, that one.
+                let line = newest.saturating_sub(count);
+                if line < newest {
+                    copy_common(&mut levels, self.run(line, width, reach, &run));
+                }
+                levels
             };
-            let (place, pair) = if above < 0 {
+            let (place, [above, below]) = if above < 0 {
                 let count = above.unsigned_abs();
-                (Some(newest), [back(count), back(count - 1)])
+                (Some(newest), [count, count - 1].map(&mut back))
             } else {
-                (newest.checked_sub(1 + above as u32), [back(1), back(0)])
+                (newest.checked_sub(1 + above as u32), [1, 0].map(&mut back))
             };
-            let mut mixed = [0; RUN_PX];
-            let [above, below] = pair;
-            for ((mixed, &above), &below) in mixed.iter_mut().zip(above).zip(below) {
-                *mixed = mix(above, below, share_q4);
+            let place = place.and_then(|line| lines.row_mut(line).get_mut(run.clone()));
+            let pixels = place.unwrap_or_default().iter_mut();
+            for (pixel, (&above, &below)) in pixels.zip(above.iter().zip(&below)) {
+                *pixel = mix(above, below, share_q4);
             }
-            if let Some(row) = place.and_then(|line| lines.row_mut(line).get_mut(run.clone())) {
-                copy_common(row, &mixed);
-            }
-            if let Some(row) = came.row_mut(newest).get_mut(run) {
-                copy_common(row, &own);
-            }
+            copy_common(self.run(newest, width, reach, &run), &own);
         }
-        came.push();
         for waited in 0..=reach as u32 {
             lines.replicate_edges(newest.saturating_sub(waited));
         }

@@ -32,8 +32,8 @@ pub enum Order {
 pub struct Strip<'m> {
     ring: Ring<'m, u8>,
     order: Order,
-    /// The newest lines as they came, in stored order, if lines are moved.
-    came: Option<CameLines<'m>>,
+    /// The newest lines as they came, in stored order.
+    came: CameLines<'m>,
 }
 
 impl<'m> Strip<'m> {
@@ -58,7 +58,7 @@ impl<'m> Strip<'m> {
         Ok(Self {
             ring: Ring::new(width, padding, depth, 0, arena)?,
             order,
-            came: None,
+            came: CameLines::default(),
         })
     }
 
@@ -75,7 +75,7 @@ impl<'m> Strip<'m> {
     /// [`OutOfMemory`] if the arena has fewer than [`Strip::moving_words`] left.
     pub fn moving(self, reach_lines: usize, arena: &mut Arena<'m>) -> Result<Self, OutOfMemory> {
         Ok(Self {
-            came: Some(CameLines::new(self.ring.width(), reach_lines, arena)?),
+            came: CameLines::new(self.ring.width(), reach_lines, arena)?,
             ..self
         })
     }
@@ -95,9 +95,6 @@ impl<'m> Strip<'m> {
     /// Forgets all lines: the next one pushed is line 0.
     pub fn clear(&mut self) {
         self.ring.clear();
-        if let Some(came) = &mut self.came {
-            came.clear();
-        }
     }
 
     /// Stores the next line over the oldest: `write` writes its pixels from the left.
@@ -141,8 +138,8 @@ impl<'m> Strip<'m> {
         mend: impl FnOnce(&mut [u8]),
     ) {
         self.push_mended(write, mend);
-        if let Some(came) = &mut self.came {
-            came.move_newest(&mut self.ring, offsets);
+        if self.came.is_used() {
+            self.came.move_newest(&mut self.ring, offsets);
         }
     }
 

@@ -202,7 +202,9 @@ impl Alignment {
         }
     }
 
-    /// Changes the offsets if the sums show a clear deviation.
+    /// Changes the offsets if the sums show a clear deviation. Apart, so that the stack of soft floating
+    /// point is not on top of that of a row.
+    #[inline(never)]
     fn conclude(&mut self) {
         let change = self.sums.fit(self.width);
         let half = (self.width / 2) as i64;
