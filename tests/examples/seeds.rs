@@ -283,7 +283,7 @@ fn matchers() -> Result<Seeds> {
             })
         })?,
         search("sgm-colour-aligned", 150, move |case: &Case| {
-            case.config.colour && sgm(case, |sgm| sgm.colour && sgm.aligns_lines())
+            case.config.colour && sgm(case, |sgm| sgm.colour && sgm.moving_lines() > 0)
         })?,
         search("one-pixel", 80, |case: &Case| {
             case.pair.width * case.pair.height == 1
