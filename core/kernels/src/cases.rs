@@ -571,6 +571,8 @@ pub struct MaskCase {
     pub floor: u8,
     pub step: NonZeroU8,
     pub cells: Vec<u8>,
+    /// Bytes of `cells` before those that the kernel gets, so that these are aligned or not.
+    pub skipped: usize,
     pub masks: Vec<u8>,
     pub counts: [u16; MASK_LANES],
 }
@@ -587,6 +589,7 @@ impl MaskCase {
         let starts = (0..cells).map(|_| start(first) as u32).collect();
         // In half of the cases as low as the thresholds of presets.
         let shift = [0, 3][below(random, 2)];
+        let skipped = [0, 0, 1, 2][below(random, 4)];
         Self {
             levels,
             centre,
@@ -596,7 +599,8 @@ impl MaskCase {
             kept: 1 + below(random, cells) as u16,
             floor: byte(random) >> shift,
             step: NonZeroU8::MIN.saturating_add(byte(random) >> shift),
-            cells: vec![3; cells * lanes],
+            cells: vec![3; skipped + cells * lanes],
+            skipped,
             masks: vec![1; bytes * lanes],
             counts: [2; MASK_LANES],
         }
@@ -618,7 +622,7 @@ impl Case for MaskCase {
             kept: self.kept,
             floor: self.floor,
             step: self.step,
-            cells: &mut self.cells,
+            cells: self.cells.get_mut(self.skipped..).unwrap_or_default(),
             masks: &mut self.masks,
             counts: self.counts,
         };

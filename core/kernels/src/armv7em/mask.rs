@@ -1,10 +1,11 @@
 //! Masks of the cells on each pixel's surface, four pixels per word.
 
+use bytemuck::try_cast_slice;
 use vgstereo_core::kernel::{self, CELLS_PER_BYTE, MASK_LANES, MAX_CHANNELS, MaskBlock};
 
 use super::simd::{
-    add_even_bytes, add_odd_bytes, add_saturating_u8x4, distance_u8x4, load, max_u8x4, min_u8x4,
-    select_ge_u8x4, select_ge_u16x2, splat_u8, splat_u16, store, sub_saturating_u8x4,
+    add_even_bytes, add_odd_bytes, add_saturating_u8x4, distance_u8x4, load, load_six, max_u8x4,
+    min_u8x4, select_ge_u8x4, select_ge_u16x2, splat_u8, splat_u16, store, sub_saturating_u8x4,
 };
 
 /// Pixels per word.
@@ -18,10 +19,13 @@ const GROUP: usize = 4;
 /// it exceeds every difference, and a power of two, so that an index is cheaply kept in range.
 const RUNGS: usize = 16;
 
+/// One byte of the masks.
 type Row = [[u8; LANES]; WORDS];
 type Group = [u32; GROUP];
-/// Differences of the eight cells of one byte of the mask, one row per cell.
-type Rows = [Row; CELLS_PER_BYTE];
+/// Differences of the eight cells of one byte of the mask of four pixels.
+type Column = [[u8; LANES]; CELLS_PER_BYTE];
+/// The same where it is aligned to words.
+type AlignedColumn = [u32; CELLS_PER_BYTE];
 
 /// Number of mask bytes whose cells are counted in 8 bits before the counts are widened.
 const COUNTED: usize = u8::MAX as usize / CELLS_PER_BYTE;
@@ -47,18 +51,37 @@ pub(super) fn mask_block(block: &mut MaskBlock<'_>) {
         return;
     }
     let ladder = Ladder::new(block);
-    let rows = block.cells.as_chunks::<LANES>().0.as_chunks::<WORDS>().0;
-    let cells = rows.as_chunks::<CELLS_PER_BYTE>().0;
     let masks = block.masks.as_chunks_mut::<LANES>().0;
     let masks = masks.as_chunks_mut::<WORDS>().0;
-    // The search starts at the neighbours' thresholds, which are usually similar.
-    let mut rungs = 0;
-    for (word, counts) in (0..WORDS).zip(block.counts.as_chunks_mut::<LANES>().0) {
-        let kept_cells;
-        (rungs, kept_cells) = ladder.search(cells, word, rungs);
-        let [even, odd] = kept_cells;
-        *counts = [even, odd, even >> 16, odd >> 16].map(|count| count as u16);
-        write_masks(cells, word, ladder.thresholds(rungs), masks);
+    if let Ok(words) = try_cast_slice(block.cells) {
+        let columns: &[AlignedColumn] = words.as_chunks().0;
+        ladder.choose(columns.as_chunks().0, masks, &mut block.counts);
+    } else {
+        let columns: &[Column] = block.cells.as_chunks().0.as_chunks().0;
+        ladder.choose(columns.as_chunks().0, masks, &mut block.counts);
+    }
+}
+
+/// Differences of the eight cells of one byte of the mask of four pixels.
+trait Cells {
+    /// Calls `body` with each, from the last to the first.
+    fn each_reversed(&self, body: impl FnMut(u32));
+}
+
+impl Cells for Column {
+    #[inline(always)]
+    fn each_reversed(&self, body: impl FnMut(u32)) {
+        self.iter().rev().map(load).for_each(body);
+    }
+}
+
+impl Cells for AlignedColumn {
+    #[inline(always)]
+    fn each_reversed(&self, mut body: impl FnMut(u32)) {
+        let [first @ .., g, h] = self;
+        body(*h);
+        body(*g);
+        load_six(first).into_iter().rev().for_each(body);
     }
 }
 
@@ -83,6 +106,25 @@ impl Ladder {
         }
     }
 
+    /// Chooses the rung of each pixel. Writes its mask and the number of cells in it.
+    #[inline(always)]
+    fn choose(
+        &self,
+        cells: &[[impl Cells; WORDS]],
+        masks: &mut [Row],
+        counts: &mut [u16; MASK_LANES],
+    ) {
+        // The search starts at the neighbours' thresholds, which are usually similar.
+        let mut rungs = 0;
+        for (word, counts) in (0..WORDS).zip(counts.as_chunks_mut::<LANES>().0) {
+            let kept_cells;
+            (rungs, kept_cells) = self.search(cells, word, rungs);
+            let [even, odd] = kept_cells;
+            *counts = [even, odd, even >> 16, odd >> 16].map(|count| count as u16);
+            write_masks(cells, word, self.thresholds(rungs), masks);
+        }
+    }
+
     /// Returns the thresholds of four rungs.
     #[inline(always)]
     fn thresholds(&self, rungs: u32) -> u32 {
@@ -93,7 +135,12 @@ impl Ladder {
     /// Returns the lowest rung that keeps enough cells for each of four pixels, and the number of
     /// cells within it. The search moves by one rung at a time, from `probes` on.
     #[inline(never)]
-    fn search(&self, cells: &[Rows], word: usize, mut probes: u32) -> (u32, Halfwords) {
+    fn search(
+        &self,
+        cells: &[[impl Cells; WORDS]],
+        word: usize,
+        mut probes: u32,
+    ) -> (u32, Halfwords) {
         // Every difference is within the highest threshold.
         let (mut low, mut high) = (0, splat_u8(RUNGS as u8 - 1));
         // The number of all cells, which fits 16 bits.
@@ -127,8 +174,8 @@ fn compare<const CHANNELS: usize>(block: &mut MaskBlock<'_>) -> Option<()> {
     for (levels, channel) in levels.iter_mut().zip(block.levels) {
         *levels = channel;
     }
-    let rows = block.cells.as_chunks_mut::<LANES>().0;
-    let rows = rows.as_chunks_mut::<WORDS>().0;
+    let columns = block.cells.as_chunks_mut::<LANES>().0.as_chunks_mut().0;
+    let cells = columns.as_chunks_mut::<WORDS>().0;
     for group in 0..WORDS / GROUP {
         let shift = group * GROUP * LANES;
         let mut centres = [[0; GROUP]; CHANNELS];
@@ -139,12 +186,17 @@ fn compare<const CHANNELS: usize>(block: &mut MaskBlock<'_>) -> Option<()> {
         // Backwards, because a synapse's partner is the one after it; two at a time, so that
         // neither value has to be moved to another register.
         let mut partner = differences(&levels, &centres, first, *block.starts.first()?)?;
-        let pairs = rows.as_chunks_mut::<2>().0.iter_mut();
-        for (rows, starts) in pairs.zip(block.starts.as_chunks::<2>().0).rev() {
-            let second = differences(&levels, &centres, first, starts[1])?;
-            write_larger(&mut rows[1], group, &second, &partner);
-            partner = differences(&levels, &centres, first, starts[0])?;
-            write_larger(&mut rows[0], group, &partner, &second);
+        let bytes = cells
+            .iter_mut()
+            .zip(block.starts.as_chunks::<CELLS_PER_BYTE>().0);
+        for (columns, starts) in bytes.rev() {
+            let columns: &mut [Column; GROUP] = columns.as_chunks_mut().0.get_mut(group)?;
+            for (cell, starts) in starts.as_chunks::<2>().0.iter().enumerate().rev() {
+                let second = differences(&levels, &centres, first, starts[1])?;
+                write_larger(columns, 2 * cell + 1, &second, &partner);
+                partner = differences(&levels, &centres, first, starts[0])?;
+                write_larger(columns, 2 * cell, &partner, &second);
+            }
         }
     }
     Some(())
@@ -180,28 +232,26 @@ fn run_at(levels: &[u8], start: usize) -> Option<&[[u8; LANES]; GROUP]> {
     levels.get(start..)?.as_chunks().0.first_chunk()
 }
 
-/// Writes the larger values of two groups.
+/// Writes the larger values of two groups as the differences of a cell.
 #[inline(always)]
-fn write_larger(row: &mut Row, group: usize, a: &Group, b: &Group) {
-    if let Some(words) = row.as_chunks_mut::<GROUP>().0.get_mut(group) {
-        for ((cells, &a), &b) in words.iter_mut().zip(a).zip(b) {
-            store(max_u8x4(a, b), cells);
-        }
+fn write_larger(columns: &mut [Column; GROUP], cell: usize, a: &Group, b: &Group) {
+    for ((column, &a), &b) in columns.iter_mut().zip(a).zip(b) {
+        store(max_u8x4(a, b), &mut column[cell]);
     }
 }
 
 /// Counts the cells of each of four pixels whose difference is within the pixel's threshold.
 #[inline(always)]
-fn count_within(cells: &[Rows], word: usize, thresholds: u32) -> Halfwords {
+fn count_within(cells: &[[impl Cells; WORDS]], word: usize, thresholds: u32) -> Halfwords {
     // The remainder changes nothing, but shows the compiler that the index is below `WORDS`.
     let word = word % WORDS;
     let mut counts = [0; 2];
     for counted in cells.chunks(COUNTED) {
         let mut four = 0;
-        for rows in counted {
-            for row in rows {
-                four += select_ge_u8x4(thresholds, load(&row[word]), splat_u8(1), 0);
-            }
+        for columns in counted {
+            columns[word].each_reversed(|differences| {
+                four += select_ge_u8x4(thresholds, differences, splat_u8(1), 0);
+            });
         }
         let [even, odd] = counts;
         counts = [add_even_bytes(even, four), add_odd_bytes(odd, four)];
@@ -212,13 +262,13 @@ fn count_within(cells: &[Rows], word: usize, thresholds: u32) -> Halfwords {
 /// Writes the masks of four pixels: one bit per cell, set if its difference is within the
 /// threshold.
 #[inline(never)]
-fn write_masks(cells: &[Rows], word: usize, thresholds: u32, masks: &mut [Row]) {
+fn write_masks(cells: &[[impl Cells; WORDS]], word: usize, thresholds: u32, masks: &mut [Row]) {
     let word = word % WORDS;
-    for (mask, rows) in masks.iter_mut().zip(cells) {
+    for (mask, columns) in masks.iter_mut().zip(cells) {
         let mut bits = 0;
-        for row in rows.iter().rev() {
-            bits = bits << 1 | select_ge_u8x4(thresholds, load(&row[word]), splat_u8(1), 0);
-        }
+        columns[word].each_reversed(|differences| {
+            bits = bits << 1 | select_ge_u8x4(thresholds, differences, splat_u8(1), 0);
+        });
         store(bits, &mut mask[word]);
     }
 }
