@@ -130,8 +130,7 @@ fn filter_block<const CHANNELS: usize, const CLEAR: bool>(
     loop {
         let listed = list_taps::<CHANNELS, CLEAR>(row, x, origins, list)?;
         let listed = list.get(..listed)?;
-        let totals = total(listed);
-        let medians = search(listed, totals);
+        let (medians, totals) = search(listed);
         let found = [even_bytes(medians), odd_bytes(medians)];
         let mut is_settled = true;
         let mut values = [0; 2];
@@ -157,7 +156,7 @@ fn filter_block<const CHANNELS: usize, const CLEAR: bool>(
 }
 
 /// Lists the taps with a weight for any of the four pixels from `x` on; returns their number.
-#[inline(always)]
+#[inline(never)]
 fn list_taps<const CHANNELS: usize, const CLEAR: bool>(
     row: &WeightedMedianRow<'_>,
     x: usize,
@@ -199,7 +198,7 @@ struct TapRow<'a, const CHANNELS: usize> {
 
 /// Lists the taps of one row that have a weight; returns their number, or `None` if there is no room
 /// for them.
-#[inline(never)]
+#[inline(always)]
 fn list_row<const CHANNELS: usize, const CLEAR: bool>(
     taps: &TapRow<'_, CHANNELS>,
     centres: [u32; CHANNELS],
@@ -260,7 +259,7 @@ fn list_row<const CHANNELS: usize, const CLEAR: bool>(
 }
 
 /// Sums the weights of each of the four pixels.
-#[inline(never)]
+#[inline(always)]
 fn total(listed: &[Tap]) -> Halfwords {
     let mut totals = [0; 2];
     each_tap(listed, |[_, weights]| {
@@ -278,9 +277,10 @@ fn pairs_from<T>(row: &[T], x: usize, taps: usize) -> Option<&[[T; 2]]> {
 }
 
 /// Returns, for each of four pixels, the smallest value at or below which lies at least half of the
-/// weight. Values are relative to the origins.
+/// weight, and the total weights. Values are relative to the origins.
 #[inline(never)]
-fn search(listed: &[Tap], totals: Halfwords) -> u32 {
+fn search(listed: &[Tap]) -> (u32, Halfwords) {
+    let totals = total(listed);
     // Half of the total weight, rounded up.
     let halves = totals.map(|total| halve_sum_u16x2(total, splat_u16(1)));
     let (mut low, mut high) = (0, splat_u8(u8::MAX));
@@ -300,7 +300,7 @@ fn search(listed: &[Tap], totals: Halfwords) -> u32 {
         // This does not wrap, because the highest probe has enough weight.
         low = enough(low, add_saturating_u8x4(probes, splat_u8(1)));
         if low == high {
-            return low;
+            return (low, totals);
         }
         let middle = halve_sum_u8x4(low, high);
         let down = max_u8x4(middle, sub_saturating_u8x4(probes, step));
