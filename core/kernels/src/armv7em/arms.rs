@@ -2,7 +2,7 @@
 
 use vgstereo_core::kernel::{ArmsRow, MAX_CHANNELS};
 
-use super::simd::{distance_u8x4, load, select_ge_u8x4, splat_u8};
+use super::simd::{distance_u8x4, even_bytes, load, odd_bytes, select_ge_u8x4, splat_u8};
 
 /// Pixels per word.
 const LANES: usize = 4;
@@ -24,58 +24,71 @@ fn arms_of<const CHANNELS: usize>(levels: [&[u8]; CHANNELS], row: &ArmsRow<'_>, 
         near: row.near_step,
         far: row.far_step,
     };
-    let (reach, half) = (steps.reach, steps.half());
     let width = arms.len();
-    for (block, arms) in arms.chunks_mut(LANES).enumerate() {
-        let x = block * LANES;
-        // Distances at which all four pixels are within the line.
-        let inside = if x + LANES <= width { reach } else { 0 };
-        let (before, after) = (inside.min(x), inside.min(width.saturating_sub(x + LANES)));
-        let run = |from: usize, pixels: usize| {
-            // Four pixels at a time, each one further.
-            levels.map(|levels| {
-                levels
-                    .get(from..from + pixels + LANES - 1)
-                    .unwrap_or_default()
-            })
-        };
-
-        let mut left = Arms::new(levels, x);
-        let nearer = before.min(half);
-        if left.extend(
-            run(x - nearer, nearer).map(|run| run.array_windows().rev()),
-            steps.near,
-        ) {
-            let farther = run(x - before, before - nearer);
-            left.extend(farther.map(|run| run.array_windows().rev()), steps.far);
-        }
-        if before < reach {
-            left.finish(before, |x, distance| {
-                distance <= x && steps.are_like(levels, x, x - distance, distance)
-            });
-        }
-
-        let mut right = Arms::new(levels, x);
-        let nearer = after.min(half);
-        if right.extend(run(x + 1, nearer).map(<[u8]>::array_windows), steps.near) {
-            let farther = run(x + 1 + nearer, after - nearer);
-            right.extend(farther.map(<[u8]>::array_windows), steps.far);
-        }
-        if after < reach {
-            right.finish(after, |x, distance| {
-                x + distance < width && steps.are_like(levels, x, x + distance, distance)
-            });
-        }
-
-        let both = left
-            .lengths
-            .to_le_bytes()
-            .into_iter()
-            .zip(right.lengths.to_le_bytes());
-        for (arm, (left, right)) in arms.iter_mut().zip(both) {
-            *arm = i16::from_le_bytes([left, right]);
+    let (blocks, rest) = arms.as_chunks_mut();
+    let mut x = 0;
+    for block in blocks {
+        *block = block_at(levels, &steps, width, x);
+        x += LANES;
+    }
+    if !rest.is_empty() {
+        let block = block_at(levels, &steps, width, x);
+        for (arms, &block) in rest.iter_mut().zip(&block) {
+            *arms = block;
         }
     }
+}
+
+/// Returns the arms of the four pixels from `x` on, those of pixels beyond the line of any length.
+#[inline(always)]
+fn block_at<const CHANNELS: usize>(
+    levels: [&[u8]; CHANNELS],
+    steps: &Steps,
+    width: usize,
+    x: usize,
+) -> [i16; LANES] {
+    let (reach, half) = (steps.reach, steps.half());
+    // Distances at which all four pixels are within the line.
+    let inside = if x + LANES <= width { reach } else { 0 };
+    let (before, after) = (inside.min(x), inside.min(width.saturating_sub(x + LANES)));
+    let run = |from: usize, pixels: usize| {
+        // Four pixels at a time, each one further.
+        levels.map(|levels| {
+            let run = levels.get(from..from + pixels + LANES - 1);
+            run.unwrap_or_default()
+        })
+    };
+    let arms = Arms::new(levels, x);
+
+    let mut left = arms;
+    let nearer = before.min(half);
+    let runs = run(x - nearer, nearer).map(|run| run.array_windows().rev());
+    if left.extend(runs, steps.near) {
+        let farther = run(x - before, before - nearer);
+        left.extend(farther.map(|run| run.array_windows().rev()), steps.far);
+    }
+    if before < reach {
+        left.finish(before, |x, distance| {
+            distance <= x && steps.are_like(levels, x, x - distance, distance)
+        });
+    }
+
+    let mut right = arms;
+    let nearer = after.min(half);
+    let runs = run(x + 1, nearer).map(<[u8]>::array_windows);
+    if right.extend(runs, steps.near) {
+        let farther = run(x + 1 + nearer, after - nearer);
+        right.extend(farther.map(<[u8]>::array_windows), steps.far);
+    }
+    if after < reach {
+        right.finish(after, |x, distance| {
+            x + distance < width && steps.are_like(levels, x, x + distance, distance)
+        });
+    }
+
+    let even = even_bytes(left.lengths) | even_bytes(right.lengths) << 8;
+    let odd = odd_bytes(left.lengths) | odd_bytes(right.lengths) << 8;
+    [even, odd, even >> 16, odd >> 16].map(|arms| arms as i16)
 }
 
 /// Largest differences from the centre that continue an arm, levels.
@@ -116,6 +129,7 @@ impl Steps {
 }
 
 /// Arms of four pixels in one direction.
+#[derive(Clone, Copy)]
 struct Arms<const CHANNELS: usize> {
     /// The first pixel.
     x: usize,
