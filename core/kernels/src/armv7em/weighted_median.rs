@@ -9,7 +9,7 @@ use core::array::from_fn;
 
 use bytemuck::{must_cast_ref, try_cast_slice_mut};
 use vgstereo_core::disparity::INVALID;
-use vgstereo_core::kernel::{self, WeightedMedianRow};
+use vgstereo_core::kernel::{self, MAX_CHANNELS, WeightedMedianRow};
 
 use super::simd::{
     add_even_bytes, add_odd_bytes, add_saturating_i16x2, add_saturating_u8x4, afresh,
@@ -26,17 +26,22 @@ const PLACES: usize = 32;
 const LIKENESSES: usize = 64;
 
 /// Weight of a tap by its distance weight and its likeness of colour, at most 255.
-static WEIGHTS: [[u8; LIKENESSES]; PLACES] = weights();
+static WEIGHTS: [[u8; LIKENESSES]; PLACES] = weights(1);
 
-const fn weights() -> [[u8; LIKENESSES]; PLACES] {
+/// The same by a third of the likeness. Grey counts as three equal channels: a third of its likeness
+/// follows from the difference of one.
+static WEIGHTS_OF_THIRDS: [[u8; LIKENESSES]; PLACES] = weights(3);
+
+const fn weights(step: usize) -> [[u8; LIKENESSES]; PLACES] {
     let mut weights = [[0; LIKENESSES]; PLACES];
     let mut place = 0;
     while place < PLACES {
-        let mut likeness = 0;
-        while likeness < LIKENESSES {
+        let mut index = 0;
+        while index < LIKENESSES {
+            let likeness = step * index;
             let weight = (((likeness * likeness) >> 4) * place) >> 4;
-            weights[place][likeness] = if weight < 255 { weight as u8 } else { 255 };
-            likeness += 1;
+            weights[place][index] = if weight < 255 { weight as u8 } else { 255 };
+            index += 1;
         }
         place += 1;
     }
@@ -70,6 +75,19 @@ pub(super) fn weighted_median_row(
         return;
     };
     let list = list.as_chunks_mut().0;
+    let replicated;
+    let row = if row.channels == 1 && !row.colour_reach.is_multiple_of(3) {
+        // A third of its reach is not a whole number.
+        replicated = WeightedMedianRow {
+            levels: [row.levels[0]; MAX_CHANNELS],
+            centres: [row.centres[0]; MAX_CHANNELS],
+            channels: MAX_CHANNELS,
+            ..*row
+        };
+        &replicated
+    } else {
+        row
+    };
     let clear = clear_columns(row);
     let window = row.window_width - 1 + LANES;
     // The last block overlaps the one before it, so that nothing remains.
@@ -79,7 +97,7 @@ pub(super) fn weighted_median_row(
         let medians = match (row.channels, is_clear) {
             (1, true) => filter_block::<1, true>(row, x, list),
             (1, false) => filter_block::<1, false>(row, x, list),
-            _ => filter_block::<3, false>(row, x, list),
+            _ => filter_block::<MAX_CHANNELS, false>(row, x, list),
         };
         if let (Some(medians), Some(output)) = (medians, output.get_mut(x..x + LANES)) {
             output.copy_from_slice(&medians);
@@ -180,7 +198,11 @@ fn list_taps<const CHANNELS: usize, const CLEAR: bool>(
             values: pairs_from(values, x, count)?,
             places,
         };
-        let reach = splat_u8(row.colour_reach);
+        let reach = splat_u8(if CHANNELS == 1 {
+            row.colour_reach / 3
+        } else {
+            row.colour_reach
+        });
         let list = list.get_mut(listed..)?;
         listed += list_row::<CHANNELS, CLEAR>(&taps, centres, reach, origins, list)?;
     }
@@ -207,7 +229,11 @@ fn list_row<const CHANNELS: usize, const CLEAR: bool>(
     list: &mut [Tap],
 ) -> Option<usize> {
     let (places, count) = (taps.places, taps.places.len());
-    let table = afresh(&WEIGHTS);
+    let table = afresh(if CHANNELS == 1 {
+        &WEIGHTS_OF_THIRDS
+    } else {
+        &WEIGHTS
+    });
     let mut levels = [&[][..]; CHANNELS];
     let mut before = [0; CHANNELS];
     for channel in 0..CHANNELS {
@@ -225,12 +251,7 @@ fn list_row<const CHANNELS: usize, const CLEAR: bool>(
             let four = before[channel] | pair << 16;
             before[channel] = pair;
             let distance = distance_u8x4(centres[channel], four);
-            difference = if CHANNELS == 1 {
-                // Grey counts as three equal channels.
-                add_saturating_u8x4(distance, add_saturating_u8x4(distance, distance))
-            } else {
-                add_saturating_u8x4(difference, distance)
-            };
+            difference = add_saturating_u8x4(difference, distance);
         }
         let likeness = sub_saturating_u8x4(reach, difference);
         if likeness == 0 {
