@@ -108,7 +108,7 @@ pub enum ConfigError {
     /// A window of the refinement is too large, or no cell is kept: see
     /// [`SgmParameters::windows_fit`].
     Windows,
-    /// Lines would be moved by more than one line.
+    /// Pixels would be moved by more than 4 lines.
     LineOffset,
     /// The disparities do not fit the width: see [`DisparityRange::fits`].
     Disparities,
@@ -133,7 +133,7 @@ impl fmt::Display for ConfigError {
             Self::Windows => f.write_str(
                 "the speckle window may reach 15 lines, the vote 127 px and 15 lines, the weighted median even 30 px and 6 lines, and some cells must be kept",
             ),
-            Self::LineOffset => f.write_str("lines can be moved by at most 4 lines"),
+            Self::LineOffset => f.write_str("pixels can be moved by at most 4 lines"),
             Self::Disparities => f.write_str(
                 "the disparities must be shorter than the line and at most 2047 px long",
             ),

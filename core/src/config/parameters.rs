@@ -23,7 +23,7 @@ pub const MAX_MEDIAN_REACH_PX: u8 = 63;
 /// Largest reach of [`RivalParameters`], px: 65 costs of at most 254 fit 16 bits.
 pub const MAX_RIVAL_REACH_PX: u8 = 64;
 
-/// Largest offset between the lines of the two views that is corrected, 1/16 line.
+/// Largest offset between the lines of the two views that is corrected, lines.
 pub const MAX_LINE_OFFSET_LINES: u8 = 4;
 
 /// Parameters of the method: all that a preset fixes.

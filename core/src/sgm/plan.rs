@@ -182,12 +182,13 @@ impl SgmPlan {
 
     /// The parts of the matcher. With `W` columns, `D` disparities rounded up to 16, `n`
     /// synapses, support `(X, Y)`, `c` channels and `P = W + D` and the magnitude of the lowest
-    /// disparity, they take, each rounded up to words:
+    /// disparity, and `A` lines ahead of a row, `Y` and one for each line but the first that pixels are moved by, they
+    /// take, each rounded up to words:
     ///
     /// | part | bytes |
     /// |---|---|
     /// | synapses | `4 n`: offsets, and the cost of a cell by the number of unmasked ones |
-    /// | views | grey: `2 (2 Y + 1) (W + 2 X)`, and as much again where lines are smoothed; in colour three channels besides, of the reference view as deep as the last stage looks back and `Y + 1` lines of the other; `W` per channel and grey where lines are moved; `8 (Y + 1)` for what the cameras saw of each line |
+    /// | views | grey: `2 (Y + A + 1) (W + 2 X)`, and as much again where lines are smoothed; in colour three channels besides, of the reference view as deep as the last stage looks back and `A + 1` lines of the other; `W` per channel and grey for each line that pixels are moved by; `8 (A + 1)` for what the cameras saw of each line |
     /// | masks, unless every cell counts | `8 n` |
     /// | costs and paths | `2 W D + 5 D + 2 W + 6` |
     /// | paths from the right, and before them patterns, levels of the other view and cells of the masks | the larger of `W D` and `(W + P + 32) n / 8 + 2 c P + 32 n`, without `2 c P` where levels do not count and without `32 n` where every cell does |
@@ -248,22 +249,23 @@ mod tests {
     /// Every SGM preset, alone and with each optional stage left out, in colour and in grey, at
     /// odd widths and with negative disparities.
     fn for_each_configuration(mut test: impl FnMut(&Config, &SgmParameters)) {
-        let left_out: [fn(&mut SgmParameters); 6] = [
+        let changes: [fn(&mut SgmParameters); 7] = [
             |_| {},
             |sgm| sgm.speckle = None,
             |sgm| sgm.vote = None,
             |sgm| sgm.weighted_median = None,
             |sgm| (sgm.speckle, sgm.vote, sgm.weighted_median) = (None, None, None),
             |sgm| (sgm.line_offset_max_lines, sgm.difference_weight_q4) = (0, 0),
+            |sgm| sgm.line_offset_max_lines = 3,
         ];
         let ranges = [(0, 1), (0, 48), (-7, 20), (5, 33)];
         for preset in Preset::ALL {
             let Method::Sgm(sgm) = preset.parameters().method else {
                 continue;
             };
-            for (leave_out, colour) in left_out.iter().flat_map(|f| [(f, false), (f, true)]) {
+            for (change, colour) in changes.iter().flat_map(|f| [(f, false), (f, true)]) {
                 let mut sgm = sgm;
-                leave_out(&mut sgm);
+                change(&mut sgm);
                 for (width, (minimum_px, count)) in [41, 64, 321].into_iter().zip(ranges) {
                     let mut parameters = preset.parameters();
                     parameters.method = Method::Sgm(sgm);
@@ -303,11 +305,13 @@ mod tests {
                 let part = parts.find(|part| part.name == name).unwrap();
                 (part.look_back_lines, part.latency_lines)
             };
-            let ahead = u32::from(config.parameters.support.y_px);
+            let above = u32::from(config.parameters.support.y_px);
+            // Where pixels are moved by three lines, two more come before a row.
+            let ahead = above + u32::from(sgm.line_offset_max_lines.saturating_sub(1));
             // Patterns reach as far above their row as below it; the path from above comes from
             // the line above.
             let patterns = lines("patterns, then paths from the right");
-            assert_eq!(patterns, (2 * ahead, ahead));
+            assert_eq!(patterns, (ahead + above, ahead));
             assert_eq!(lines("costs and paths"), (ahead + 1, 0));
         });
     }
@@ -317,7 +321,8 @@ mod tests {
     fn the_reference_view_is_as_deep_as_its_readers_look_back() {
         for_each_configuration(|config, sgm| {
             let plan = SgmPlan::new(config, sgm);
-            let ahead = u32::from(config.parameters.support.y_px);
+            let above = u32::from(config.parameters.support.y_px);
+            let ahead = above + u32::from(sgm.line_offset_max_lines.saturating_sub(1));
             let stages = SgmRefiner::stages(config, sgm);
             let stages: Vec<Part> = stages.as_slice().to_vec();
             let late =
@@ -333,7 +338,7 @@ mod tests {
                 .unwrap();
             let depth = SgmPlan::refinement_depth(config, sgm);
             assert_eq!(depth, refinement as usize);
-            let matching = (2 * ahead + 1).max(ahead + 2);
+            let matching = (ahead + above + 1).max(ahead + 2);
             let reference = plan.reference;
             let kept = [reference.grey_lines, reference.colour_lines];
             let both = refinement.max(matching) as usize;
