@@ -4,6 +4,7 @@ use core::fmt;
 use core::num::NonZeroU8;
 
 use crate::kernel::{MAX_TAP_ROWS, SubpixelStep, TieBreak};
+use crate::rows::MAX_MOVED_LINES;
 
 /// Largest number of synapses of a neuron.
 pub const MAX_SYNAPSES: usize = 1024;
@@ -24,7 +25,7 @@ pub const MAX_MEDIAN_REACH_PX: u8 = 63;
 pub const MAX_RIVAL_REACH_PX: u8 = 64;
 
 /// Largest offset between the lines of the two views that is corrected, lines.
-pub const MAX_LINE_OFFSET_LINES: u8 = 4;
+pub const MAX_LINE_OFFSET_LINES: u8 = MAX_MOVED_LINES as u8;
 
 /// Parameters of the method: all that a preset fixes.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -13,8 +13,8 @@ pub(crate) const OFFSET_BITS: u32 = 24;
 /// Positions that are moved by one offset, px.
 const BLOCK_PX: usize = 8;
 
-/// Largest number of pixels that are moved at once.
-const RUN_PX: usize = 8 * BLOCK_PX;
+/// Largest number of lines that pixels are moved by.
+pub(crate) const MAX_MOVED_LINES: usize = 4;
 
 /// By how much the pixels of a stored row lie too low: `shift + tilt (position - width / 2)`, in
 /// 1/2^24 line.
@@ -42,30 +42,17 @@ impl RowOffsets {
         (1 << 27) / (width / 2 + BLOCK_PX) as i32
     }
 
-    /// Runs of positions with one offset each, to the nearest 1/16 line and within `reach_lines`: the offset
-    /// in the middle of each 8 px.
-    fn runs_q4(
-        self,
-        width: usize,
-        reach_lines: usize,
-    ) -> impl Iterator<Item = (Range<usize>, i32)> {
+    /// The offset in the middle of each block of 8 px, to the nearest 1/16 line and within `reach_lines`.
+    fn blocks_q4(self, width: usize, reach_lines: usize) -> impl Iterator<Item = i32> {
         const BELOW_BITS: u32 = OFFSET_BITS - 4;
         let most_q4 = (reach_lines as i32) << 4;
         let from_middle = (BLOCK_PX / 2) as i32 - (width / 2) as i32;
         let first_q24 = self.shift_q24 + self.tilt_q24 * from_middle + (1 << (BELOW_BITS - 1));
         let step_q24 = self.tilt_q24 * BLOCK_PX as i32;
+        let offsets_q24 =
+            (0..width.div_ceil(BLOCK_PX) as i32).map(move |block| first_q24 + step_q24 * block);
         // Not `clamp`, which panics unless its bounds are in order.
-        let rounded_q4 = move |q24: i32| (q24 >> BELOW_BITS).min(most_q4).max(-most_q4);
-        let (mut start, mut offset_q24) = (0, first_q24);
-        core::iter::from_fn(move || {
-            let first = start;
-            let offset_q4 = rounded_q4(offset_q24);
-            while start < width && start < first + RUN_PX && rounded_q4(offset_q24) == offset_q4 {
-                start += BLOCK_PX;
-                offset_q24 += step_q24;
-            }
-            (first < width).then(|| (first..start.min(width), offset_q4))
-        })
+        offsets_q24.map(move |q24| (q24 >> BELOW_BITS).min(most_q4).max(-most_q4))
     }
 }
 
@@ -97,70 +84,101 @@ impl<'m> CameLines<'m> {
         !self.0.is_empty()
     }
 
-    /// The run of positions of a line, one of the newest `reach` of `width` px.
-    fn run(&mut self, line: u32, width: usize, reach: usize, run: &Range<usize>) -> &mut [u8] {
-        let first = line as usize % reach.max(1) * width;
-        let run = first + run.start..first + run.end;
-        self.0.get_mut(run).unwrap_or_default()
-    }
-
     /// Moves the newest line of `lines` to its place, and writes the pixels of the lines above that
     /// waited for it: each is mixed from the lines above and below its place by their shares. A pixel
     /// that lies too low waits as it came.
     // Once, not in each place that stores a line: it is rarely needed, and large.
     #[inline(never)]
     pub(super) fn move_newest(&mut self, lines: &mut Ring<'_, u8>, offsets: RowOffsets) {
+        let Self(came) = self;
         let width = lines.width();
-        let reach = self.0.len() / width.max(1);
+        let reach = came.len() / width.max(1);
         let newest = lines.rows_in().saturating_sub(1);
+        let came_start = |line: u32| line as usize % reach.max(1) * width;
         if offsets == RowOffsets::NONE {
-            let row = self.run(newest, width, reach, &(0..width));
+            let row = came.get_mut(came_start(newest)..).unwrap_or_default();
             copy_common(row, lines.row(newest));
             return;
         }
-        for (run, offset_q4) in offsets.runs_q4(width, reach) {
-            // The line above the place of a pixel, seen from its own: from -reach to reach - 1.
-            let above = (offset_q4 - 1) >> 4;
-            let share_q4 = (offset_q4 - 16 * above) as u16;
-            let mut own = [0; RUN_PX];
-            copy_common(
-                &mut own,
-                lines.row(newest).get(run.clone()).unwrap_or_default(),
-            );
-            let mut back = |count: u32| {
-                let mut levels = own;
-                // Above the first line, that one.
-                let line = newest.saturating_sub(count);
-                if line < newest {
-                    copy_common(&mut levels, self.run(line, width, reach, &run));
+        // Where the newest lines begin, from the newest up; above the first, that one. A line replaces the
+        // oldest among those as they came.
+        let back = |back: usize| newest.saturating_sub(back as u32);
+        let starts: [usize; MAX_MOVED_LINES + 1] = core::array::from_fn(|b| lines.start(back(b)));
+        let came_starts: [usize; MAX_MOVED_LINES + 1] =
+            core::array::from_fn(|b| came_start(back(b)));
+        for (block, offset_q4) in offsets.blocks_q4(width, reach).enumerate() {
+            // The last block may be narrower.
+            let run = |starts: &[usize], back: usize| {
+                let start = starts.get(back).copied().unwrap_or(usize::MAX - width);
+                start + BLOCK_PX * block..start + width.min(BLOCK_PX * (block + 1))
+            };
+            let own = load(lines.values(), run(&starts, 0));
+            if offset_q4 != 0 {
+                // The line above the place of a pixel, seen from its own: from -reach to reach - 1.
+                let above = (offset_q4 - 1) >> 4;
+                let share_q4 = (offset_q4 - 16 * above) as u32;
+                let level = |back: usize| match back.min(newest as usize) {
+                    0 => own,
+                    _ => load(came, run(&came_starts, back)),
+                };
+                let (place, [above, below]) = if above < 0 {
+                    let count = above.unsigned_abs() as usize;
+                    (0, [level(count), level(count - 1)])
+                } else {
+                    (1 + above as usize, [level(1), own])
+                };
+                if place <= newest as usize {
+                    let mixed = mix(above, below, share_q4);
+                    store(lines.values_mut(), run(&starts, place), mixed);
                 }
-                levels
-            };
-            let (place, [above, below]) = if above < 0 {
-                let count = above.unsigned_abs();
-                (Some(newest), [count, count - 1].map(&mut back))
-            } else {
-                (newest.checked_sub(1 + above as u32), [1, 0].map(&mut back))
-            };
-            let place = place.and_then(|line| lines.row_mut(line).get_mut(run.clone()));
-            let pixels = place.unwrap_or_default().iter_mut();
-            for (pixel, (&above, &below)) in pixels.zip(above.iter().zip(&below)) {
-                *pixel = mix(above, below, share_q4);
             }
-            copy_common(self.run(newest, width, reach, &run), &own);
+            store(came, run(&came_starts, 0), own);
         }
-        for waited in 0..=reach as u32 {
-            lines.replicate_edges(newest.saturating_sub(waited));
+        for waited in 0..=reach {
+            lines.replicate_edges(back(waited));
         }
     }
 }
 
-/// Mixes `share_q4` sixteenths of `other` into `level`, rounded to nearest.
+/// The levels of up to 8 px, the first in the lowest byte; zero beyond.
 #[inline(always)]
-fn mix(level: u8, other: u8, share_q4: u16) -> u8 {
-    // Sixteen shares of 8 bits, and the result is one.
-    let sum = u16::from(level) * (16 - share_q4) + u16::from(other) * share_q4;
-    ((sum + 8) >> 4) as u8
+fn load(levels: &[u8], run: Range<usize>) -> u64 {
+    let levels = levels.get(run).unwrap_or_default();
+    match levels.first_chunk() {
+        Some(levels) => u64::from_le_bytes(*levels),
+        None => {
+            let mut narrow = [0; BLOCK_PX];
+            copy_common(&mut narrow, levels);
+            u64::from_le_bytes(narrow)
+        }
+    }
+}
+
+/// Writes what [`load`] reads.
+#[inline(always)]
+fn store(levels: &mut [u8], run: Range<usize>, block: u64) {
+    let levels = levels.get_mut(run).unwrap_or_default();
+    match levels.first_chunk_mut() {
+        Some(levels) => *levels = block.to_le_bytes(),
+        None => copy_common(levels, &block.to_le_bytes()),
+    }
+}
+
+/// Mixes `share_q4` sixteenths, 1 to 16, of the levels below into those above, rounded to nearest.
+#[inline(always)]
+fn mix(above: u64, below: u64, share_q4: u32) -> u64 {
+    // By words of 32 bits: two levels at once, each with room for its sixteen shares.
+    let words = |shift: u32| {
+        let [above, below] = [(above >> shift) as u32, (below >> shift) as u32];
+        let levels = |shift: u32| {
+            const LOW: u32 = 0x00FF_00FF;
+            let above = (above >> shift & LOW) * (16 - share_q4);
+            let sum = above + (below >> shift & LOW) * share_q4 + 0x0008_0008;
+            sum >> 4 & LOW
+        };
+        u64::from(levels(0) | levels(8) << 8) << shift
+    };
+    words(0) | words(32)
 }
 
 #[cfg(test)]

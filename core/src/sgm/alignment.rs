@@ -95,9 +95,9 @@ impl Sums {
             let x = found.other_position as i32 - middle;
             squares += square;
             products += product;
-            squares_x += i64::from(square * x);
+            squares_x += i64::from(square) * i64::from(x);
             squares_xx += i64::from(square * x) * i64::from(x);
-            products_x += i64::from(product * x);
+            products_x += i64::from(product) * i64::from(x);
         }
         Self {
             squares: squares.into(),
@@ -134,9 +134,12 @@ impl Sums {
             2 * self.products_x,
         ]
         .map(|sum| sum as f64);
-        // The divisors are positive, as no match outweighs the prior.
-        let tilt = (px - p * x / n) / (xx - x * x / n);
-        let shift = (p - x * tilt) / n;
+        // The divisors are positive, as no match outweighs the prior. Few divisions: they are software on
+        // most boards.
+        let mean = 1.0 / n;
+        let x_mean = x * mean;
+        let tilt = (px - p * x_mean) / (xx - x * x_mean);
+        let shift = (p - x * tilt) * mean;
         let [shift_q24, tilt_q24] =
             [shift, tilt].map(|lines| (lines * f64::from(1 << OFFSET_BITS)) as i32);
         RowOffsets {

@@ -344,8 +344,9 @@ impl Alignment {
         let [n, x, xx, p, px] = self.sums;
         let [n, xx] = [n + 15_000, xx + 15_000 * (width / 4) * (width / 4)];
         let [n, x, xx, p, px] = [n, x, xx, 2 * p, 2 * px].map(|sum| sum as f64);
-        let tilt = (px - p * x / n) / (xx - x * x / n);
-        let shift = (p - x * tilt) / n;
+        let x_mean = x * (1.0 / n);
+        let tilt = (px - p * x_mean) / (xx - x * x_mean);
+        let shift = (p - x * tilt) * (1.0 / n);
         let [shift, tilt] = [shift, tilt].map(|lines| (lines * 16_777_216.0) as i64);
         let ends = [-1, 1].map(|side| (shift + side * tilt * (width / 2)).abs());
         if ends.iter().all(|&end| end < 24 << 16) {
