@@ -259,7 +259,7 @@ fn least_of(words: &[u32]) -> u32 {
     min_u16x2(least, least >> 16) & 0xffff
 }
 
-/// How the sub-pixel step follows from the sums, as in [`SubpixelStep`].
+/// How the sub-pixel step follows from the sums, as in [`SubpixelStep`](vgstereo_core::kernel::SubpixelStep).
 struct Subpixel {
     relief: u32,
     lines_min: u32,
