@@ -376,8 +376,8 @@ impl SgmParameters {
         rivals && speckle && vote && median && self.kept_cells_q8 > 0
     }
 
-    /// By how many lines pixels of the other view are moved at most to where those of the reference view
-    /// lie.
+    /// Largest number of lines by which a pixel of the other view is moved to its place in the reference view;
+    /// 0 if none is moved.
     #[must_use]
     pub const fn moving_lines(&self) -> u8 {
         if self.difference_weight_q4 > 0 {

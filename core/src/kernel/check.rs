@@ -10,7 +10,7 @@ use crate::disparity::INVALID;
 pub struct CheckRow<'a> {
     /// Index of the best disparity of each pixel.
     pub best: &'a [u16],
-    /// The same, refined, 1/16 px, not negative.
+    /// Index of the best disparity of each pixel with its sub-pixel step, 1/16 px, not negative.
     pub refined_index_q4: &'a [i16],
     /// Margin of the best disparity over the second best.
     pub margins: &'a [i16],

@@ -7,7 +7,7 @@ pub struct Penalty {
     pub most: u8,
     /// Smallest P2.
     pub floor: u8,
-    /// By how much a difference of one level lowers P2, 1/16.
+    /// Decrease of P2 per level of difference, 1/16.
     pub adaptation_q4: u8,
     /// Largest difference that does not lower P2, levels.
     pub step_min: u8,

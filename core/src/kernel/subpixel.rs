@@ -33,8 +33,7 @@ impl SubpixelStep {
     /// The larger and the smaller rise without the part that does not count. The smaller is at
     /// least 0, and the larger is 0 only where both rises are.
     #[inline(always)]
-    #[must_use]
-    pub fn relieved(&self, before: i16, after: i16) -> (i16, i16) {
+    fn relieved(&self, before: i16, after: i16) -> (i16, i16) {
         let (larger, smaller) = (before.max(after), before.min(after));
         // At most 5 * 765.
         let relief = i16::from(self.relief).min((5 * larger) >> 4);
@@ -44,8 +43,7 @@ impl SubpixelStep {
     /// The divisor of the step, a sum of path costs: the step is 1/2 px times the difference of the two
     /// relieved rises, divided by it. It is their sum for a parabola, the larger one for two lines.
     #[inline(always)]
-    #[must_use]
-    pub fn divisor(&self, before: i16, after: i16, (larger, smaller): (i16, i16)) -> i16 {
+    fn divisor(&self, before: i16, after: i16, (larger, smaller): (i16, i16)) -> i16 {
         // All ones for a parabola. Rises are not negative.
         let is_weak = -i16::from((before.max(after).cast_unsigned()) < self.lines_min);
         larger + (smaller & is_weak)

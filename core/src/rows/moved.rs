@@ -16,8 +16,8 @@ const BLOCK_PX: usize = 8;
 /// Largest number of lines that pixels are moved by.
 pub(crate) const MAX_MOVED_LINES: usize = 4;
 
-/// By how much the pixels of a stored row lie too low: `shift + tilt (position - width / 2)`, in
-/// 1/2^24 line.
+/// Offset of each pixel of a stored row, 1/2^24 line, positive where it lies too low: `shift + tilt (position -
+/// width / 2)`.
 ///
 /// The shift is within 2^27, and the tilt so small that it makes as much of half the width.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -87,7 +87,7 @@ impl<'m> CameLines<'m> {
     /// Moves the newest line of `lines` to its place, and writes the pixels of the lines above that
     /// waited for it: each is mixed from the lines above and below its place by their shares. A pixel
     /// that lies too low waits as it came.
-    // Once, not in each place that stores a line: it is rarely needed, and large.
+    // Not part of each function that stores a line, for it is large.
     #[inline(never)]
     pub(super) fn move_newest(&mut self, lines: &mut Ring<'_, u8>, offsets: RowOffsets) {
         let Self(came) = self;

@@ -20,6 +20,7 @@ pub struct View<'m> {
     /// Smoothed grey. The newest line is stored unsmoothed until the line below comes.
     smoothed: Option<Strip<'m>>,
     step_max: u8,
+    /// Number of lines above the line before the newest that is smoothed when the newest comes.
     smoothing_latency_lines: u32,
     /// For each line, the run of stored positions that the camera saw.
     valid: ValidRuns<'m>,
@@ -45,8 +46,8 @@ pub struct ViewSize {
     pub smoothed_padding: usize,
     /// Largest step between neighbours that is smoothed, levels.
     pub smoothing_step: u8,
-    /// By how many lines pixels are moved up or down at most: see [`Strip::push_moved`]. 0 if lines are used
-    /// as they come.
+    /// Largest number of lines by which a pixel is moved up or down, see [`Strip::push_moved`]; 0 if lines are
+    /// used as they come.
     pub moving_lines: usize,
     /// Number of lines after a line that must come, besides the one below it, before the line is smoothed.
     pub smoothing_latency_lines: usize,
@@ -92,20 +93,13 @@ impl<'m> View<'m> {
         let width = size.width;
         let mut strip = |padding, lines, moving| {
             let strip = Strip::new(width, padding, lines, order, arena)?;
-            match moving {
-                0 => Ok(strip),
-                lines => strip.moving(lines, arena),
+            if lines > 0 && moving > 0 {
+                strip.moving(moving, arena)
+            } else {
+                Ok(strip)
             }
         };
-        let grey = strip(
-            size.grey_padding,
-            size.grey_lines,
-            if size.grey_lines > 0 {
-                size.moving_lines
-            } else {
-                0
-            },
-        )?;
+        let grey = strip(size.grey_padding, size.grey_lines, size.moving_lines)?;
         let colour = if size.colour_lines > 0 {
             let mut channel = || strip(size.colour_padding, size.colour_lines, size.moving_lines);
             Some([channel()?, channel()?, channel()?])
@@ -133,8 +127,9 @@ impl<'m> View<'m> {
         self.push_mended(line, RowOffsets::NONE, |_, _| None, kernels);
     }
 
-    /// Takes the next line of a view and moves it by `offsets`: see [`Strip::push_moved`]. Before that, its levels are converted by what `conversion` returns for its
-    /// grey and the positions that the camera saw, both in stored order.
+    /// Takes the next line of a view and moves it by `offsets`: see [`Strip::push_moved`]. Before that, its
+    /// levels are converted by what `conversion` returns for its grey and the positions that the camera saw,
+    /// both in stored order.
     fn push_mended(
         &mut self,
         line: &(impl Line + ?Sized),

@@ -55,7 +55,7 @@ pub(super) struct Match {
 /// Sums over the matches of lines: of the squares of the gradients, where a gradient is the line below less
 /// the line above, and of the products of gradients and differences; each also with the position x of the
 /// match in the other view, from the middle of its line.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Default)]
 struct Sums {
     squares: i64,
     squares_x: i64,
@@ -134,8 +134,8 @@ impl Sums {
             2 * self.products_x,
         ]
         .map(|sum| sum as f64);
-        // The divisors are positive, as no match outweighs the prior. Few divisions: they are software on
-        // most boards.
+        // The divisors are positive: the prior adds to `n` and `xx`, and `n xx` is never less than `x x`. Few
+        // divisions: they are software on most boards.
         let mean = 1.0 / n;
         let x_mean = x * mean;
         let tilt = (px - p * x_mean) / (xx - x * x_mean);
@@ -182,7 +182,7 @@ impl Alignment {
         self.sums = Sums::default();
     }
 
-    /// By how much the pixels of the other view lie too low, in its stored order.
+    /// The offsets of the pixels of the other view, in its stored order.
     pub(super) fn offsets(&self) -> RowOffsets {
         self.offsets
     }
@@ -205,8 +205,8 @@ impl Alignment {
         }
     }
 
-    /// Changes the offsets if the sums show a clear deviation. Apart, so that the stack of soft floating
-    /// point is not on top of that of a row.
+    /// Changes the offsets if the sums show a clear deviation. Apart, for its floating point is software, and
+    /// large, on most boards.
     #[inline(never)]
     fn conclude(&mut self) {
         let change = self.sums.fit(self.width);

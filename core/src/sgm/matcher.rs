@@ -142,9 +142,10 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         let plan = SgmPlan::new(config, sgm);
         let synapses = usize::from(config.parameters.synapses);
         let (width, stride) = (plan.width, plan.stride);
+        let lines_ahead = SgmPlan::lines_ahead(config, sgm);
         Ok(Self {
             kernels,
-            sampler: Sampler::new(config, SgmPlan::lines_ahead(config, sgm), arena)?,
+            sampler: Sampler::new(config, lines_ahead, arena)?,
             views: ViewPair::new(
                 config.reference,
                 [plan.reference, plan.other],
@@ -152,7 +153,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
                 arena,
             )?,
             exposure: Exposure::new(),
-            alignment: Alignment::new(width, sgm.moving_lines(), SgmPlan::lines_ahead(config, sgm)),
+            alignment: Alignment::new(width, sgm.moving_lines(), lines_ahead),
             line_gain: LineGain::new(sgm.line_gain_max_q8, config.disparities),
             masks,
             cell_costs_q8: cell_costs(sgm, arena.take(synapses + 1)?),

@@ -95,6 +95,7 @@ impl SgmPlan {
             valid_lines: ahead as usize + 1,
         };
         let other = ViewSize {
+            // Pixels wait in their line for as many more.
             grey_lines: max(window, moving_lines + 1),
             grey_padding: support.x_px as usize,
             // The lines from the newest down to the row.
@@ -182,8 +183,8 @@ impl SgmPlan {
 
     /// The parts of the matcher. With `W` columns, `D` disparities rounded up to 16, `n`
     /// synapses, support `(X, Y)`, `c` channels and `P = W + D` and the magnitude of the lowest
-    /// disparity, and `A` lines ahead of a row, `Y` and one for each line but the first that pixels are moved by, they
-    /// take, each rounded up to words:
+    /// disparity, they take, each rounded up to words; a row is matched when `A` lines below it have come, `Y`
+    /// and one for each line but the first that pixels are moved by:
     ///
     /// | part | bytes |
     /// |---|---|
@@ -281,6 +282,16 @@ mod tests {
         }
     }
 
+    /// Lines above a row that patterns sample, and lines below it that come before it is matched: where pixels are
+    /// moved by three lines, two more.
+    fn above_and_ahead(config: &Config, sgm: &SgmParameters) -> [u32; 2] {
+        let above = u32::from(config.parameters.support.y_px);
+        [
+            above,
+            above + u32::from(sgm.line_offset_max_lines.saturating_sub(1)),
+        ]
+    }
+
     /// The table in the documentation of [`SgmPlan::parts`], where it states bytes alone.
     #[test]
     fn parts_take_the_bytes_of_the_table() {
@@ -305,9 +316,7 @@ mod tests {
                 let part = parts.find(|part| part.name == name).unwrap();
                 (part.look_back_lines, part.latency_lines)
             };
-            let above = u32::from(config.parameters.support.y_px);
-            // Where pixels are moved by three lines, two more come before a row.
-            let ahead = above + u32::from(sgm.line_offset_max_lines.saturating_sub(1));
+            let [above, ahead] = above_and_ahead(config, sgm);
             // Patterns reach as far above their row as below it; the path from above comes from
             // the line above.
             let patterns = lines("patterns, then paths from the right");
@@ -321,8 +330,7 @@ mod tests {
     fn the_reference_view_is_as_deep_as_its_readers_look_back() {
         for_each_configuration(|config, sgm| {
             let plan = SgmPlan::new(config, sgm);
-            let above = u32::from(config.parameters.support.y_px);
-            let ahead = above + u32::from(sgm.line_offset_max_lines.saturating_sub(1));
+            let [above, ahead] = above_and_ahead(config, sgm);
             let stages = SgmRefiner::stages(config, sgm);
             let stages: Vec<Part> = stages.as_slice().to_vec();
             let late =

@@ -240,7 +240,7 @@ impl Search<'_> {
     }
 }
 
-/// The disparity of a stored value, in doubt or not, and 1/16 px more; if there is none, a number that is
+/// The disparity of a stored value, in doubt or not, plus one, 1/16 px; if there is none, a number that is
 /// far from all disparities.
 #[inline(always)]
 fn disparity(stored: i16) -> i32 {

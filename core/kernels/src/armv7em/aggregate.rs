@@ -5,7 +5,7 @@ use bytemuck::{must_cast_slice, try_cast_slice_mut};
 use vgstereo_core::kernel::{self, AggregateRow};
 
 use super::simd::{
-    add_saturating_u8x4, in_order, load, load_six, min_u8x4, splat_u8, sub_saturating_u8x4,
+    add_saturating_u8x4, in_order, load, meet_all, min_u8x4, splat_u8, sub_saturating_u8x4,
     unrolled,
 };
 
@@ -137,14 +137,7 @@ fn least_with(least: Option<u32>, [a, b]: Pair) -> u32 {
 /// Returns the least byte of these words, in all four bytes.
 #[inline(always)]
 fn least_in(words: &[u32]) -> u32 {
-    let (sixes, rest) = words.as_chunks();
-    let mut least = None;
-    let mut meet = |word| least = Some(least.map_or(word, |least| min_u8x4(least, word)));
-    for six in sixes {
-        load_six(six).into_iter().for_each(&mut meet);
-    }
-    rest.iter().for_each(|&word| meet(word));
-    least_of(least.unwrap_or(u32::MAX))
+    least_of(meet_all(words, min_u8x4))
 }
 
 /// Least costs of reaching eight disparities with a step of at most one disparity. The neighbours

@@ -401,8 +401,8 @@ impl Weighing {
     }
 }
 
-/// What turns the counts of a pixel's differing cells, and levels, into costs. All but `cell_cost` and
-/// `weight` are repeated in all four bytes.
+/// Factors and bounds by which the counts of differing cells of a pixel, and the levels, become costs. All but
+/// `cell_cost` and `weight` are repeated in all four bytes.
 struct Weights {
     level: u32,
     /// Cost of a differing cell; 1/256 of a cost if there are masks.

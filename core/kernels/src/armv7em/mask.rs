@@ -24,7 +24,7 @@ type Row = [[u8; LANES]; WORDS];
 type Group = [u32; GROUP];
 /// Differences of the eight cells of one byte of the mask of four pixels.
 type Column = [[u8; LANES]; CELLS_PER_BYTE];
-/// The same where it is aligned to words.
+/// A [`Column`] that is aligned to words: four pixels in each.
 type AlignedColumn = [u32; CELLS_PER_BYTE];
 
 /// Number of mask bytes whose cells are counted in 8 bits before the counts are widened.

@@ -11,7 +11,7 @@ use vgstereo_core::kernel::{self, AggregateRow};
 
 use super::aggregate::MAX_STRIDE;
 use super::simd::{
-    add_even_bytes, add_odd_bytes, even_bytes, in_order, load, load_six, min_u16x2, odd_bytes,
+    add_even_bytes, add_odd_bytes, even_bytes, in_order, load, meet_all, min_u16x2, odd_bytes,
     opaque, splat_u16, store, unrolled,
 };
 
@@ -248,14 +248,7 @@ fn select<const QUADS: usize>(
 /// The least of the keys in these words.
 #[inline(always)]
 fn least_of(words: &[u32]) -> u32 {
-    let (sixes, rest) = words.as_chunks();
-    let mut least = None;
-    let mut meet = |word| least = Some(least.map_or(word, |least| min_u16x2(least, word)));
-    sixes
-        .iter()
-        .for_each(|six| load_six(six).into_iter().for_each(&mut meet));
-    rest.iter().for_each(|&word| meet(word));
-    let least = least.unwrap_or(u32::MAX);
+    let least = meet_all(words, min_u16x2);
     min_u16x2(least, least >> 16) & 0xffff
 }
 

@@ -307,6 +307,21 @@ pub(super) fn load_six(words: &[u32; 6]) -> [u32; 6] {
     }
 }
 
+/// Meets all words, the first with the second, the outcome with the third and so on; all ones if there are
+/// none. Six are loaded at a time.
+#[inline(always)]
+#[must_use]
+pub(super) fn meet_all(words: &[u32], meet: impl Fn(u32, u32) -> u32) -> u32 {
+    let (sixes, rest) = words.as_chunks();
+    let mut met = None;
+    let mut take = |word| met = Some(met.map_or(word, |met| meet(met, word)));
+    for six in sixes {
+        load_six(six).into_iter().for_each(&mut take);
+    }
+    rest.iter().for_each(|&word| take(word));
+    met.unwrap_or(u32::MAX)
+}
+
 /// The smaller byte of each lane.
 #[inline(always)]
 #[must_use]

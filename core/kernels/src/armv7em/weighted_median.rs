@@ -28,8 +28,8 @@ const LIKENESSES: usize = 64;
 /// Weight of a tap by its distance weight and its likeness of colour, at most 255.
 static WEIGHTS: [[u8; LIKENESSES]; PLACES] = weights(1);
 
-/// The same by a third of the likeness. Grey counts as three equal channels: a third of its likeness
-/// follows from the difference of one.
+/// Weight of a tap by its distance weight and a third of its likeness. Grey counts as three equal channels: a
+/// third of its likeness follows from the difference of one.
 static WEIGHTS_OF_THIRDS: [[u8; LIKENESSES]; PLACES] = weights(3);
 
 const fn weights(step: usize) -> [[u8; LIKENESSES]; PLACES] {
