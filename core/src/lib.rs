@@ -109,7 +109,7 @@
 //! A matcher does not rectify: its lines must be epipolar lines already, as a
 //! [`Rectifier`](geometry::Rectifier) makes them, but for an offset of up to one line between the
 //! views, or up to four if so configured, which the SGM branch learns and corrects, also where it
-//! changes along the line. The core does not calibrate cameras: a
+//! changes along the line; what a frame taught can be given to the next ([`LineOffsets`]). The core does not calibrate cameras: a
 //! [`Rectification`](geometry::Rectification) comes from elsewhere. It uses no floating point but
 //! for drawing the synapses when a matcher is built, for the angles of a scan when that is, and at
 //! most once in a line for that offset. It does not read cameras: the crate `vgstereo-firmware`
@@ -166,4 +166,4 @@ pub use disparity::{DisparityLine, DisparityRange, INVALID, Reference, STEPS_PER
 pub use kernel::{Kernels, Portable};
 pub use matcher::{Matcher, PushError};
 pub use plan::Plan;
-pub use rows::{ColourRows, Line};
+pub use rows::{ColourRows, Line, LineOffsets};

@@ -8,7 +8,7 @@ use crate::kernel::{Kernels, Portable};
 use crate::pattern::Synapses;
 use crate::plan::Plan;
 use crate::recall::{RecallMatcher, RecallRefiner};
-use crate::rows::{Arena, Line};
+use crate::rows::{Arena, Line, LineOffsets};
 use crate::sgm::{SgmMatcher, SgmRefiner};
 
 /// Largest number of lines of a frame: the range of a `u32`, less the latency of any configuration.
@@ -201,7 +201,7 @@ impl<'m, K: Kernels> Matcher<'m, K> {
         })
     }
 
-    /// The configuration that the matcher was built from, with the checks that it has now.
+    /// The configuration that the matcher was built from, with the checks and the offsets of lines that it has now.
     #[must_use]
     pub fn config(&self) -> &Config {
         &self.config
@@ -240,6 +240,27 @@ impl<'m, K: Kernels> Matcher<'m, K> {
         self.config = config;
         self.reset();
         Ok(())
+    }
+
+    /// By how much the lines of the other view lie too low, as the last frame showed that was finished; before
+    /// one, and where lines are not moved, what frames begin with. What differs by less than 24/256 line all over
+    /// the frame from what that frame began with does not count.
+    #[must_use]
+    pub fn line_offsets(&self) -> LineOffsets {
+        match &self.pipeline {
+            Pipeline::Recall { .. } => self.config.line_offsets,
+            Pipeline::Sgm { rows, .. } => rows.line_offsets(),
+        }
+    }
+
+    /// Takes other offsets than those of the configuration for frames to begin with, and forgets the frame: of two
+    /// cameras that are fixed to each other, a frame may begin with what the one before taught.
+    pub fn set_line_offsets(&mut self, offsets: LineOffsets) {
+        if let Pipeline::Sgm { rows, .. } = &mut self.pipeline {
+            rows.set_line_offsets(offsets);
+        }
+        self.config.line_offsets = offsets;
+        self.reset();
     }
 
     /// Takes the next pair of lines, rectified, from the top. Rows of grey are slices of bytes; see
@@ -289,6 +310,9 @@ impl<'m, K: Kernels> Matcher<'m, K> {
         if self.pipeline.flush() {
             Some(self.take_line())
         } else {
+            if let Pipeline::Sgm { rows, .. } = &mut self.pipeline {
+                rows.end_frame();
+            }
             self.reset();
             None
         }

@@ -29,6 +29,7 @@ pub mod files;
 pub mod frame;
 pub mod images;
 pub mod line_offset;
+pub mod line_offsets;
 pub mod link;
 pub mod metrics;
 pub mod pair_arguments;

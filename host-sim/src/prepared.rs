@@ -96,13 +96,34 @@ impl Prepared {
         output: Output,
         threads: usize,
     ) -> Result<Matched> {
-        let config = Config {
+        self.matched_as_frame(1, parameters, output, threads)
+    }
+
+    /// Matches the views as [`Prepared::matched`] does, as a camera's frame of this number, from 1 on, whose
+    /// frames before were the same: each begins with the offsets of lines that the one before it taught.
+    ///
+    /// # Errors
+    /// Those of [`Prepared::matched`].
+    pub fn matched_as_frame(
+        &self,
+        number: u32,
+        parameters: Parameters,
+        output: Output,
+        threads: usize,
+    ) -> Result<Matched> {
+        let mut config = Config {
             colour: self.views.has_colour(),
             output,
             ..Config::new(parameters, self.views.width, self.disparities())
         };
-        match_frame(&config, &self.views, NativeKernels::fastest(), threads)
-            .with_context(|| shown_name(&self.scene.name))
+        let matched = |config: &Config| {
+            match_frame(config, &self.views, NativeKernels::fastest(), threads)
+                .with_context(|| shown_name(&self.scene.name))
+        };
+        for _ in 1..number {
+            config.line_offsets = matched(&config)?.line_offsets;
+        }
+        matched(&config)
     }
 
     /// Returns the bad pixels of `matched`: those further than `threshold_px` from the ground

@@ -14,8 +14,8 @@ use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_core::literal::GreyImage;
 use vgstereo_core::{
-    Config, DisparityLine, DisparityRange, INVALID, Kernels, Matcher, Method, Output, Parameters,
-    Portable, Preset, SgmParameters,
+    Config, DisparityLine, DisparityRange, INVALID, Kernels, LineOffsets, Matcher, Method, Output,
+    Parameters, Portable, Preset, SgmParameters,
 };
 use vgstereo_firmware::camera::{PixelFormat, RawLine};
 use vgstereo_sim::metrics::is_bad;
@@ -200,6 +200,30 @@ impl Pair {
             };
             (line(0, left), line(1, right))
         })
+    }
+}
+
+/// Offsets of lines for a frame to begin with: for half of the seeds none, for some of the others far more than lines
+/// are moved by.
+#[must_use]
+pub fn line_offsets(seed: u64) -> LineOffsets {
+    let mut random = Pcg32::seed_from_u64(seed);
+    let mut within = |magnitude: i32| {
+        let value = i64::from(random.next_u32()) - i64::from(i32::MIN).abs();
+        ((value * i64::from(magnitude)) >> 31) as i32
+    };
+    match seed % 8 {
+        0..4 => LineOffsets::NONE,
+        4 => LineOffsets {
+            shift_q24: within(1 << 29),
+            tilt_q24: within(1 << 29),
+            stretch_q24: within(i32::MAX),
+        },
+        _ => LineOffsets {
+            shift_q24: within(2 << 24),
+            tilt_q24: within(1 << 20),
+            stretch_q24: within(1 << 20),
+        },
     }
 }
 

@@ -6,12 +6,13 @@ use image::{DynamicImage, GrayImage, RgbImage};
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_core::{
-    Config, DisparityLine, DisparityRange, INVALID, Matcher, Method, Output, Portable, Preset,
-    Region,
+    Config, DisparityLine, DisparityRange, INVALID, LineOffsets, Matcher, Method, Output, Portable,
+    Preset, Region,
 };
 use vgstereo_firmware::camera::{
     ErrorKind, ErrorType, Geometry, Layout, LinePair, LinePairSource, PixelFormat,
 };
+use vgstereo_firmware::live::{self, LinkPort, Live, Next, NoStore, Setup};
 use vgstereo_firmware::scripted::{FaultKind, FaultyCamera, ScriptedFault};
 use vgstereo_firmware::session::{
     ATTEMPT_FRAMES, PATIENCE_FRAMES, RunError, SessionError, memory_words,
@@ -19,7 +20,11 @@ use vgstereo_firmware::session::{
 use vgstereo_firmware::{
     DisparitySink, Event, Fault, FrameInfo, NoWatchdog, Session, Statistics, Watchdog,
 };
+use vgstereo_link::{BoardMessage, Decoder, Encoder, HostMessage, Selection, Source, Streams};
 use vgstereo_sim::camera::{LINE_PERIOD_US, SimulatedCamera};
+use vgstereo_sim::prepared::Prepared;
+use vgstereo_sim::render::{RenderOptions, render};
+use vgstereo_sim::scene::Scene;
 use vgstereo_sim::sink::FrameCollector;
 use vgstereo_tests::Pair;
 use vgstereo_tests::faults::{count_fault, count_whole_frames, error_counter};
@@ -906,4 +911,164 @@ fn what_does_not_fit_is_refused() {
     assert_eq!(refusal(&other, 0), Err(expected));
     other.region.y = HEIGHT - 1;
     assert_eq!(refusal(&other, 0), Ok(()));
+}
+
+/// A camera whose right view lies 0.8 px too low, with a configuration for it.
+fn lowered() -> (SimulatedCamera, Scene, Config) {
+    let scene = render(&RenderOptions {
+        width: 160,
+        height: 120,
+        d_max: 15,
+        line_offset_px: 0.8,
+        ..RenderOptions::default()
+    });
+    let (left, right) = (scene.left.clone(), scene.right.clone());
+    let camera = SimulatedCamera::new(left, right, Layout::SideBySide, PixelFormat::Grey8).unwrap();
+    let config = Config::new(Preset::Lite.parameters(), 160, DisparityRange::up_to(15));
+    (camera, scene, config)
+}
+
+/// If that is asked for, a frame begins with the offsets of lines that the last whole one taught: a broken one
+/// teaches nothing.
+#[test]
+fn frames_begin_with_the_offsets_of_lines_that_the_last_whole_one_taught() {
+    let (camera, scene, config) = lowered();
+    let prepared = Prepared::new(scene, true).unwrap();
+    let parameters = config.parameters;
+    let [first, second, third] = [1, 2, 3].map(|number| {
+        let matched = prepared.matched_as_frame(number, parameters, Output::Dense, 1);
+        matched.unwrap()
+    });
+    assert_ne!(first.disparities_q4, second.disparities_q4);
+    let faults = [ScriptedFault {
+        frame: 1,
+        line: 100,
+        kind: FaultKind::DroppedLine,
+    }];
+    let camera = FaultyCamera::new(camera, &faults[..]);
+    with_session(&config, camera, FrameCollector::new(), |mut session| {
+        session.keep_line_offsets(true);
+        assert_eq!(session.matcher().line_offsets(), LineOffsets::NONE);
+        for matched in [&first, &second, &third] {
+            session.run_frame().unwrap();
+            let frame = session.sink_mut().take_frame().unwrap();
+            assert!(frame.disparities_q4 == matched.disparities_q4);
+            assert_eq!(session.matcher().line_offsets(), matched.line_offsets);
+        }
+        assert_eq!(session.statistics().frames_dropped, 1);
+        session.keep_line_offsets(false);
+        session.set_line_offsets(LineOffsets::NONE);
+        for _ in 0..2 {
+            session.run_frame().unwrap();
+            let frame = session.sink_mut().take_frame().unwrap();
+            assert!(frame.disparities_q4 == first.disparities_q4);
+        }
+    });
+}
+
+/// A port that keeps what is sent, and receives what it was given.
+#[derive(Default)]
+struct Port {
+    sent: Vec<u8>,
+    incoming: Vec<u8>,
+}
+
+impl LinkPort for Port {
+    fn send(&mut self, bytes: &[u8]) -> usize {
+        self.sent.extend_from_slice(bytes);
+        bytes.len()
+    }
+
+    fn receive(&mut self, bytes: &mut [u8]) -> usize {
+        let count = bytes.len().min(self.incoming.len());
+        bytes[..count].copy_from_slice(&self.incoming[..count]);
+        self.incoming.drain(..count);
+        count
+    }
+}
+
+thread_local! {
+    static NOW_US: Cell<u64> = const { Cell::new(0) };
+}
+
+fn board_setup<'m>(port: &'m mut Port, memory: &'m mut [u32]) -> Setup<'m, &'m mut Port> {
+    Setup {
+        port,
+        device: "board",
+        firmware: "0",
+        preset: "lite",
+        camera: None,
+        selection: Selection::whole(Streams::DISPARITIES),
+        is_started: true,
+        clock: || NOW_US.get(),
+        gap_us: 0,
+        store: NoStore,
+        memory,
+    }
+}
+
+/// A live session tells the host once how the lines lie, and forgets it with the source.
+#[test]
+fn the_host_is_told_of_offsets_of_lines() {
+    let (camera, _, config) = lowered();
+    let geometry = camera.geometry();
+    let mut memory = vec![0; config.memory_words()];
+    let matcher = Matcher::new(&config, Portable, &mut memory).unwrap();
+    let mut lines = vec![0; memory_words(&geometry)];
+    let mut packets = vec![0; live::memory_words(&geometry, &config)];
+    let mut port = Port::default();
+    let mut encoder_memory = vec![0; 500];
+    let pattern = HostMessage::Source(Source::TestPattern);
+    let pattern = Encoder::new(&mut encoder_memory)
+        .encode(0, &pattern)
+        .unwrap()
+        .to_vec();
+    let setup = board_setup(&mut port, &mut packets);
+    let mut board = Live::new(camera, None, matcher, &mut lines, NoWatchdog, setup).unwrap();
+    let mut frames = 0;
+    while frames < 6 {
+        if let Next::Event(Event::FrameDone { .. }) = board.step() {
+            frames += 1;
+            // Reports are one second apart at least.
+            NOW_US.set(NOW_US.get() + 2_000_000);
+        }
+    }
+    let (matcher, _, _) = board.into_parts();
+    let learned = matcher.line_offsets();
+    assert_ne!(learned, LineOffsets::NONE);
+    let mut decoder_memory = vec![0; live::sent_bytes(&geometry, &config)];
+    let mut decoder = Decoder::new(&mut decoder_memory);
+    let (mut rest, mut told) = (&port.sent[..], Vec::new());
+    while let Some(packet) = decoder.next::<BoardMessage<'_>>(&mut rest) {
+        if let BoardMessage::Log { text, .. } = packet.unwrap().message {
+            told.push(text.to_owned());
+        }
+    }
+    // Where there is little texture it takes some frames; then less changes than is told.
+    assert!((1..=5).contains(&told.len()), "{told:?}");
+    let px = told
+        .last()
+        .and_then(|told| told.strip_prefix("the right view lies ")?.split(' ').next());
+    let px: f64 = px.unwrap().parse().unwrap();
+    assert!((px - 0.8).abs() < 0.06, "{told:?}");
+
+    // With another source nothing is known, and what was learned would spoil it.
+    let begun = Config {
+        line_offsets: learned,
+        ..config
+    };
+    let mut port = Port {
+        incoming: pattern,
+        ..Port::default()
+    };
+    let mut memory = vec![0; begun.memory_words()];
+    let mut lines = vec![0; memory_words(&geometry)];
+    let mut packets = vec![0; live::memory_words(&geometry, &begun)];
+    let matcher = Matcher::new(&begun, Portable, &mut memory).unwrap();
+    let setup = board_setup(&mut port, &mut packets);
+    let (camera, ..) = lowered();
+    let mut board = Live::new(camera, None, matcher, &mut lines, NoWatchdog, setup).unwrap();
+    let _ = board.serve();
+    let (matcher, ..) = board.into_parts();
+    assert_eq!(matcher.config().line_offsets, LineOffsets::NONE);
 }

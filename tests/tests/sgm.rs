@@ -13,8 +13,8 @@ use vgstereo_core::disparity::px_to_q4;
 use vgstereo_core::kernel::{SubpixelStep, luma_row};
 use vgstereo_core::rows::OutOfMemory;
 use vgstereo_core::{
-    Config, ConfigError, DisparityRange, INVALID, Matcher, Method, Output, Parameters, Portable,
-    Preset, Reference, Region, SgmParameters,
+    Config, ConfigError, DisparityRange, INVALID, LineOffsets, Matcher, Method, Output, Parameters,
+    Portable, Preset, Reference, Region, SgmParameters,
 };
 use vgstereo_firmware::camera::PixelFormat;
 use vgstereo_kernels::NativeKernels;
@@ -25,7 +25,7 @@ use vgstereo_sim::prepared::Prepared;
 use vgstereo_sim::render::{RenderOptions, render};
 use vgstereo_sim::stress::{Kind, Stress};
 use vgstereo_sim::views::Views;
-use vgstereo_tests::{Map, Pair, follow, oracle, with_sgm};
+use vgstereo_tests::{Map, Pair, follow, line_offsets, oracle, with_sgm};
 
 fn micro() -> SgmParameters {
     match Preset::Micro.parameters().method {
@@ -219,6 +219,7 @@ fn matching() -> impl Strategy<Value = (Pair, Config)> {
                     reference,
                     colour: !format.is_grey(),
                     output,
+                    line_offsets: line_offsets(seed >> 3),
                     ..Config::new(parameters, width as u16, disparities)
                 };
                 (pair, config)
@@ -322,7 +323,15 @@ proptest! {
             ..pair.clone()
         };
         let right = Config { reference: Reference::Right, ..config };
-        let left = Config { reference: Reference::Left, ..config };
+        // The same offset at every column of the mirrored view.
+        let LineOffsets { shift_q24, tilt_q24, stretch_q24 } = config.line_offsets;
+        let one_before = if pair.width.is_multiple_of(2) { tilt_q24 } else { 0 };
+        let line_offsets = LineOffsets {
+            shift_q24: shift_q24.saturating_sub(one_before),
+            tilt_q24: tilt_q24.saturating_neg(),
+            stretch_q24,
+        };
+        let left = Config { reference: Reference::Left, line_offsets, ..config };
         let found = pair.stream_with_confidences(&right, Portable);
         let other = exchanged.stream_with_confidences(&left, Portable);
         let expected = Map {
@@ -445,6 +454,15 @@ proptest! {
     }
 }
 
+/// Asserts that offsets are the same but for the rounding of floating point, 1/2^20 line at most.
+#[track_caller]
+fn assert_near(found: LineOffsets, expected: LineOffsets) {
+    let parts = |offsets: LineOffsets| [offsets.shift_q24, offsets.tilt_q24, offsets.stretch_q24];
+    for (part, other) in parts(found).into_iter().zip(parts(expected)) {
+        assert!(part.abs_diff(other) <= 16, "{found:?} for {expected:?}");
+    }
+}
+
 /// If the cameras do not look along the same lines, the lines are moved as in the oracle.
 #[test]
 fn lines_that_lie_too_low_give_the_bits_of_the_oracle() {
@@ -490,15 +508,34 @@ fn lines_that_lie_too_low_give_the_bits_of_the_oracle() {
             colour: !grey,
             ..Config::new(parameters, 150, DisparityRange::up_to(15))
         };
-        let (disparities_q4, confidences) = oracle::sgm::match_whole(&pair, &config);
+        let (disparities_q4, confidences, learned) = oracle::sgm::match_and_learn(&pair, &config);
         let expected = Map {
             disparities_q4,
             confidences,
         };
+        assert_ne!(learned, LineOffsets::NONE);
+        // A second frame, of the same pair, begins with what the first one taught.
+        let next = Config {
+            line_offsets: learned,
+            ..config
+        };
+        let (disparities_q4, confidences, learned_next) =
+            oracle::sgm::match_and_learn(&pair, &next);
+        let expected_next = Map {
+            disparities_q4,
+            confidences,
+        };
+        assert!(expected_next != expected);
         for kernels in NativeKernels::available() {
-            let found = pair.stream_with_confidences(&config, kernels);
             let what = format!("{line_offset_px}, {roll_degrees}, {}", kernels.name());
-            assert!(found == expected, "{what}");
+            let mut memory = vec![u32::MAX; config.memory_words()];
+            let mut matcher = Matcher::new(&config, kernels, &mut memory).unwrap();
+            assert!(pair.stream_through(&mut matcher) == expected, "{what}");
+            assert_near(matcher.line_offsets(), learned);
+            matcher.set_line_offsets(learned);
+            assert_eq!(matcher.line_offsets(), learned);
+            assert!(pair.stream_through(&mut matcher) == expected_next, "{what}");
+            assert_near(matcher.line_offsets(), learned_next);
         }
         let mut unmoved = config;
         unmoved.parameters = with_sgm(config.parameters, |sgm| sgm.line_offset_max_lines = 0);
@@ -906,12 +943,32 @@ fn the_alignment_of_a_frame_does_not_outlive_it() {
         for (left, right) in first.lines().take(lines) {
             matcher.push(&left, &right).unwrap();
         }
+        let learned = matcher.line_offsets();
         matcher.reset();
+        assert_eq!(matcher.line_offsets(), learned);
         assert!(
             second.stream_through(&mut matcher) == alone,
             "{lines} lines"
         );
     }
+    // Unless it is told to begin with what was learned.
+    let _ = first.stream_through(&mut matcher);
+    let learned = matcher.line_offsets();
+    assert_ne!(learned, LineOffsets::NONE);
+    assert!(matcher.finish().is_none());
+    assert_eq!(
+        matcher.line_offsets(),
+        learned,
+        "a frame of no lines taught something"
+    );
+    matcher.set_line_offsets(learned);
+    let begun = Config {
+        line_offsets: learned,
+        ..config
+    };
+    assert_eq!(*matcher.config(), begun);
+    let alone = second.stream_with_confidences(&begun, Portable);
+    assert!(second.stream_through(&mut matcher) == alone);
 }
 
 /// Channels with different exposures are each converted by their own gain and offset.

@@ -1,8 +1,9 @@
 //! Unequal cameras on the built-in scene: the exposure and the alignment that are learned on the
 //! way make up for most of the difference.
 
-use vgstereo_core::Preset;
+use vgstereo_core::{Output, Preset};
 use vgstereo_sim::exposure::Exposure;
+use vgstereo_sim::prepared::Prepared;
 use vgstereo_sim::render::{RenderOptions, render};
 use vgstereo_sim::scene::Scene;
 use vgstereo_sim::stress::{Kind, Stress};
@@ -116,6 +117,35 @@ fn a_turned_camera_costs_little() {
             // The first lines are matched before the offset is known.
             assert!(bad <= 1.3 * equal && bad_unmoved > 1.5 * equal, "{what}");
         }
+    }
+}
+
+/// If one camera sees everything larger, no part of a frame shows by how much its next lines are off, but the frame
+/// before does.
+#[test]
+fn a_larger_view_costs_little_from_the_third_frame_on() {
+    let as_it_is = lowered(0.0);
+    let mut scene = lowered(0.0);
+    let scale = Stress {
+        kind: Kind::Scale,
+        amount: 1.0,
+    };
+    scale.apply(&mut scene, 1).unwrap();
+    let scene = Prepared::new(scene, false).unwrap();
+    for preset in [Preset::Lite, Preset::Micro, Preset::Balanced] {
+        let parameters = with_sgm(preset.parameters(), |sgm| sgm.line_offset_max_lines = 2);
+        let equal = bad_percent(preset.parameters(), &as_it_is);
+        let [first, third] = [1, 3].map(|frame| {
+            let matched = scene.matched_as_frame(frame, parameters, Output::Dense, 2);
+            let bad = scene.measure(&matched.unwrap(), 1.0, false).unwrap();
+            bad.average().unwrap()
+        });
+        let what = format!("{preset}: {first:.2}, then {third:.2}; {equal:.2}");
+        println!("{what}");
+        assert!(
+            third <= 1.5 * equal && third < first - 0.15 * equal,
+            "{what}"
+        );
     }
 }
 

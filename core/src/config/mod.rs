@@ -20,7 +20,7 @@ pub use preset::{DEFAULT_SEED, Preset, UnknownPreset};
 use core::fmt;
 
 use crate::disparity::{DisparityRange, MAX_MAGNITUDE_PX, Reference};
-use crate::rows::OutOfMemory;
+use crate::rows::{LineOffsets, OutOfMemory};
 
 /// A rectangle of the reference view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -88,6 +88,10 @@ pub struct Config {
     /// The part of the reference view that gets disparities. Whole lines still go in: patterns
     /// near its edge look outside.
     pub region: Region,
+    /// What is known of the offsets of lines before a frame, as [`Matcher::line_offsets`](crate::Matcher::line_offsets)
+    /// of an earlier one tells it. It has no effect where lines are not moved: [`Method::Recall`], and
+    /// [`SgmParameters::line_offset_max_lines`] of 0.
+    pub line_offsets: LineOffsets,
 }
 
 /// Reason for which a configuration is refused.
@@ -204,7 +208,7 @@ impl Parameters {
 
 impl Config {
     /// Returns a configuration with the left view as reference, the whole view as region, grey
-    /// lines and dense output.
+    /// lines, dense output and no offsets of lines.
     #[must_use]
     pub const fn new(parameters: Parameters, width: u16, disparities: DisparityRange) -> Self {
         Self {
@@ -215,6 +219,7 @@ impl Config {
             colour: false,
             output: Output::Dense,
             region: Region::whole(width),
+            line_offsets: LineOffsets::NONE,
         }
     }
 

@@ -12,13 +12,13 @@ use super::masks::{RowMasks, SgmMasks, block_first};
 use super::plan::SgmPlan;
 use super::rivals::Rivals;
 use crate::config::{Config, ConfigError, SgmParameters, Support};
-use crate::disparity::{DisparityRange, STEPS_PER_PX};
+use crate::disparity::{DisparityRange, Reference, STEPS_PER_PX};
 use crate::kernel::{
     AggregateRow, CELLS_PER_BYTE, CostRun, Kernels, LevelConversion, MASK_LANES, MAX_CHANNELS,
     Penalty, Planes, path_scratch_bytes,
 };
 use crate::pattern::{PatternRow, Sampler, Synapses};
-use crate::rows::{Arena, Line, NewestRows, Strip, ViewPair, extend_run};
+use crate::rows::{Arena, Line, LineOffsets, NewestRows, Order, Strip, ViewPair, extend_run};
 
 /// Largest number of pixels of a run of costs without masks.
 const RUN_LANES: usize = evidence::MAX_LANES;
@@ -59,6 +59,7 @@ pub struct SgmMatcher<'m, K, M = SgmMasks<'m, K>> {
     synapses: u16,
     support: Support,
     disparities: DisparityRange,
+    reference: Reference,
     /// The first line of the region.
     first_line: u32,
     plan: SgmPlan,
@@ -153,7 +154,12 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
                 arena,
             )?,
             exposure: Exposure::new(),
-            alignment: Alignment::new(width, sgm.moving_lines(), lines_ahead),
+            alignment: Alignment::new(
+                width,
+                sgm.moving_lines(),
+                lines_ahead,
+                stored(config.line_offsets, width, config.reference),
+            ),
             line_gain: LineGain::new(sgm.line_gain_max_q8, config.disparities),
             masks,
             cell_costs_q8: cell_costs(sgm, arena.take(synapses + 1)?),
@@ -178,6 +184,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
             synapses: config.parameters.synapses,
             support: config.parameters.support,
             disparities: config.disparities,
+            reference: config.reference,
             first_line: config.region.y,
             plan,
         })
@@ -198,6 +205,25 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         self.views.clear();
     }
 
+    /// What the last whole frame taught of the offsets of lines, or else what frames begin with.
+    #[must_use]
+    pub fn line_offsets(&self) -> LineOffsets {
+        let learned = self.alignment.learned();
+        stored(learned, self.plan.width, self.reference)
+    }
+
+    /// Forgets the frame; the next ones begin with these offsets.
+    pub(crate) fn set_line_offsets(&mut self, offsets: LineOffsets) {
+        let offsets = stored(offsets, self.plan.width, self.reference);
+        self.alignment.begin_with(offsets);
+        self.reset();
+    }
+
+    /// Takes what the frame taught, whose rows are all done.
+    pub fn end_frame(&mut self) {
+        self.alignment.end_frame();
+    }
+
     /// Takes the checks of these parameters, which differ in nothing else.
     pub(crate) fn set_checks(&mut self, sgm: &SgmParameters) {
         self.parameters = *sgm;
@@ -215,7 +241,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         left: &(impl Line + ?Sized),
         right: &(impl Line + ?Sized),
     ) -> Option<u32> {
-        let offsets = self.alignment.offsets();
+        let offsets = self.alignment.offsets(self.views.lines());
         self.views.set_smoothing_step(self.smoothing_step());
         let exposure = self.grey_exposure();
         let line_gain = &mut self.line_gain;
@@ -532,7 +558,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
                 }
             });
             if conversion.is_known() {
-                self.alignment.learn(matches, rows, &conversion);
+                self.alignment.learn(line, matches, rows, &conversion);
             }
         }
         let levels = self.views.reference.rows(line);
@@ -544,6 +570,15 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         } else {
             self.exposure.learn::<MAX_CHANNELS>(matches, levels, others);
         }
+    }
+}
+
+/// Offsets of columns in the order in which the other view stores them, and back.
+fn stored(offsets: LineOffsets, width: usize, reference: Reference) -> LineOffsets {
+    let [_, other] = SgmPlan::orders(reference);
+    match other {
+        Order::Columns => offsets,
+        Order::Mirrored => offsets.mirrored(width),
     }
 }
 

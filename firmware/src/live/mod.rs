@@ -9,6 +9,7 @@ mod port;
 mod sender;
 mod sink;
 mod store;
+mod told;
 
 pub use port::LinkPort;
 pub use store::{CalibrationStore, NoStore, RamStore, StoreError};
@@ -18,7 +19,7 @@ use core::convert::Infallible;
 use vgstereo_core::config::{Checks, ChecksError, Output};
 use vgstereo_core::geometry::{Rectification, RectifiedCamera, Rectifier};
 use vgstereo_core::rows::{Arena, OutOfMemory, words};
-use vgstereo_core::{Config, Kernels, Matcher};
+use vgstereo_core::{Config, Kernels, LineOffsets, Matcher};
 use vgstereo_link::board::{Camera, Hello, LinkCounters, Outcome, SessionCounters, View};
 use vgstereo_link::{
     HostMessage, Parameters, PixelFormat, Selection, Source, State, Streams, memory_bytes,
@@ -32,6 +33,7 @@ use crate::watchdog::Watchdog;
 use commands::{Receiver, Upload};
 use sender::Sender;
 use sink::LinkSink;
+use told::Told;
 
 /// The largest piece of a calibration that is taken, bytes.
 const PIECE_BYTES_MAX: u16 = 256;
@@ -124,7 +126,8 @@ impl TestPatternSource for Pushed {
     }
 }
 
-/// A session that sends what the host has selected, and carries out its commands between frames.
+/// A session that sends what the host has selected, and carries out its commands between frames. Each frame begins
+/// with the offsets of lines that the last whole one taught; the host is told in a line of the log when they change.
 #[derive(Debug)]
 pub struct Live<'m, C, K, P, W, T = NoStore> {
     session: Served<'m, C, K, P, W>,
@@ -132,6 +135,8 @@ pub struct Live<'m, C, K, P, W, T = NoStore> {
     upload: Upload<T>,
     /// A command that waits for the end of the frame, and its number.
     deferred: Option<(u32, HostMessage<'static>)>,
+    /// The offsets of lines that the host was told last.
+    told: LineOffsets,
 }
 
 impl<'m, C, K, P, W, T> Live<'m, OrTestPattern<C>, K, P, W, T>
@@ -203,12 +208,19 @@ where
     W: Watchdog,
     T: CalibrationStore,
 {
-    fn over(session: Served<'m, C, K, P, W>, receiver: Receiver<'m>, upload: Upload<T>) -> Self {
+    fn over(
+        mut session: Served<'m, C, K, P, W>,
+        receiver: Receiver<'m>,
+        upload: Upload<T>,
+    ) -> Self {
+        session.keep_line_offsets(true);
+        let told = session.matcher().line_offsets();
         Self {
             session,
             receiver,
             upload,
             deferred: None,
+            told,
         }
     }
 
@@ -257,12 +269,24 @@ where
     fn after(&mut self, event: Result<Event, Infallible>) -> Next {
         let Ok(event) = event;
         let counters = session_counters(self.session.statistics());
+        let shown = self.session.matcher().line_offsets();
+        let reference = self.session.matcher().config().reference;
         let sender = &mut self.session.sink_mut().sender;
         sender.session = counters;
         match event {
-            Event::FrameDone { .. } => sender.report(None),
-            Event::Fault(fault) => sender.report(Some(&fault)),
-            Event::Resync { .. } => sender.report(Some(&Fault::Sequence)),
+            Event::FrameDone { .. } if shown != self.told => {
+                let told = Told {
+                    offsets: shown,
+                    lines: sender.hello.matched.height_lines,
+                    reference,
+                };
+                if sender.report(Some(&told)) {
+                    self.told = shown;
+                }
+            }
+            Event::FrameDone { .. } => _ = sender.report(None),
+            Event::Fault(fault) => _ = sender.report(Some(&fault)),
+            Event::Resync { .. } => _ = sender.report(Some(&Fault::Sequence)),
             Event::Line { .. } | Event::Skipped { .. } => {}
         }
         self.serve().unwrap_or(Next::Event(event))
@@ -406,6 +430,10 @@ fn show<C: TestPatternSource, K: Kernels, P: LinkPort, W: Watchdog>(
     let is_pattern = source == Source::TestPattern;
     if !session.camera_mut().show_pattern(is_pattern) {
         return Outcome::Unsupported;
+    }
+    if session.sink().sender.state.source != source {
+        // Of the other source's views nothing is known.
+        session.set_line_offsets(LineOffsets::NONE);
     }
     change(session, |state| state.source = source)
 }

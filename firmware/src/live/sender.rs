@@ -109,14 +109,14 @@ impl<'m, P: LinkPort> Sender<'m, P> {
         self.owed.state = true;
     }
 
-    /// Counters are to be sent, and this warning, unless others were a short time ago.
-    pub(super) fn report(&mut self, warning: Option<&dyn core::fmt::Display>) {
+    /// Counters are to be sent, and this warning, unless others were a short time ago; returns whether they are.
+    pub(super) fn report(&mut self, warning: Option<&dyn core::fmt::Display>) -> bool {
         let now_us = self.now_us();
         let is_early = self
             .reported_us
             .is_some_and(|reported_us| now_us.saturating_sub(reported_us) < REPORT_PERIOD_US);
         if is_early {
-            return;
+            return false;
         }
         self.reported_us = Some(now_us);
         self.owed.statistics = true;
@@ -126,6 +126,7 @@ impl<'m, P: LinkPort> Sender<'m, P> {
             let _ = write!(text, "{warning}");
             text
         });
+        true
     }
 
     /// The camera has sent the last pair of a frame: from now on the port may be waited for, as long as

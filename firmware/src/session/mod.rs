@@ -24,7 +24,7 @@ use crate::camera::{Error, ErrorKind, Geometry, LinePair, LinePairSource, RawLin
 use vgstereo_core::config::{Checks, ChecksError};
 use vgstereo_core::geometry::Rectifier;
 use vgstereo_core::rows::{Arena, words};
-use vgstereo_core::{Kernels, Line, Matcher, Region};
+use vgstereo_core::{Kernels, Line, LineOffsets, Matcher, Region};
 
 use crate::fault::Fault;
 use crate::sink::{DisparitySink, FrameInfo, Needs};
@@ -64,6 +64,7 @@ pub struct Session<'m, C, K, S, W = NoWatchdog> {
     right: &'m mut [u8],
     sync: FrameSync,
     patience: Patience,
+    keeps_line_offsets: bool,
     /// What the sink asks of the frame that was begun last.
     needs: Needs,
     /// The frame that was begun last; its end is told with it.
@@ -262,6 +263,7 @@ impl<'m, C, K: Kernels, S: DisparitySink, W: Watchdog> Session<'m, C, K, S, W> {
             right,
             sync: FrameSync::new(geometry.height),
             patience: Patience::default(),
+            keeps_line_offsets: false,
             needs: Needs::DISPARITIES,
             info: FrameInfo {
                 frame: 0,
@@ -314,10 +316,29 @@ impl<'m, C, K: Kernels, S: DisparitySink, W: Watchdog> Session<'m, C, K, S, W> {
     /// [`ChecksError`] when the matcher refuses them; nothing has changed then.
     pub fn set_checks(&mut self, checks: &Checks) -> Result<(), ChecksError> {
         self.matcher.set_checks(checks)?;
+        self.stop_frame();
+        Ok(())
+    }
+
+    /// Lets each frame to come begin with the offsets of lines that the last whole one taught, or, as at first, with
+    /// those of the matcher's configuration at that time. For cameras that are fixed to each other: their first
+    /// lines are then in place as well. [`Matcher::line_offsets`] tells what was learned.
+    pub fn keep_line_offsets(&mut self, keeps: bool) {
+        self.keeps_line_offsets = keeps;
+    }
+
+    /// Lets the frames to come begin with these offsets of lines. The frame that is being read, if any, is
+    /// dropped: call this between frames.
+    pub fn set_line_offsets(&mut self, offsets: LineOffsets) {
+        self.matcher.set_line_offsets(offsets);
+        self.stop_frame();
+    }
+
+    /// Drops the frame that is being read, if any, on the caller's behalf.
+    fn stop_frame(&mut self) {
         let (abort, changes) = self.sync.failed();
         self.statistics.count(changes);
         self.abort(abort, Fault::Stopped);
-        Ok(())
     }
 
     /// Returns the sink.
@@ -456,6 +477,9 @@ impl<'m, C, K: Kernels, S: DisparitySink, W: Watchdog> Session<'m, C, K, S, W> {
         if self.needs.disparities {
             while let Some(disparities) = self.matcher.finish() {
                 self.sink.line(self.info.frame, &disparities)?;
+            }
+            if self.keeps_line_offsets {
+                self.matcher.set_line_offsets(self.matcher.line_offsets());
             }
         }
         if let Some(rectifier) = &mut self.rectifier {

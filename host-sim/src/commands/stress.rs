@@ -1,6 +1,7 @@
 //! `vgstereo stress`: how many more pixels are bad when cameras, lamps, transport or the world disturb the
 //! pictures.
 
+use std::num::NonZeroU32;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
@@ -8,7 +9,9 @@ use clap::Args;
 use serde::Serialize;
 use vgstereo_core::Preset;
 
-use crate::arguments::{aggregating_unless_named, output_of, parse_preset, parse_threshold};
+use crate::arguments::{
+    Overrides, aggregating_unless_named, output_of, parse_preset, parse_threshold,
+};
 use crate::dataset::{ensure_distinct, find_scenes, load_scene, save_scene};
 use crate::escapes::{shown, shown_name};
 use crate::files::make_folder;
@@ -48,6 +51,10 @@ pub struct Stress {
     /// A pixel is bad when its disparity is further than this from the truth, px.
     #[arg(long, value_name = "PX", default_value_t = 1.0, value_parser = parse_threshold)]
     threshold: f32,
+    /// Take each picture for this many frames of one camera, each of which begins with the offsets of lines that the
+    /// one before taught; figures are of the last.
+    #[arg(long, value_name = "N", default_value = "1")]
+    frames: NonZeroU32,
     /// Match the grey of colour images.
     #[arg(long)]
     grey: bool,
@@ -60,6 +67,8 @@ pub struct Stress {
     /// Print JSON.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    overrides: Overrides,
 }
 
 /// A kind that was asked for, with all amounts of the battery or this one.
@@ -212,7 +221,9 @@ impl Stress {
         let prepared = Prepared::new(scene, self.grey)?;
         let measured = presets.iter().enumerate().map(|(index, preset)| {
             let output = output_of(self.sparse);
-            let matched = prepared.matched(preset.parameters(), output, 2)?;
+            let frames = self.frames.get();
+            let parameters = self.overrides.apply(*preset)?;
+            let matched = prepared.matched_as_frame(frames, parameters, output, 2)?;
             let bad = prepared.measure(&matched, self.threshold, self.sparse)?;
             let average = bad.average();
             let before = before.and_then(|row| row.presets.get(index)?.average);

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use vgstereo_core::matcher::MAX_LINES;
-use vgstereo_core::{Config, ConfigError, PushError};
+use vgstereo_core::{Config, ConfigError, LineOffsets, PushError};
 
 use crate::views::Views;
 
@@ -47,6 +47,8 @@ impl From<PushError> for FrameError {
 pub(super) struct Map {
     pub(super) disparities_q4: Vec<i16>,
     pub(super) confidences: Vec<u8>,
+    /// What the frame taught of the offsets of lines.
+    pub(super) line_offsets: LineOffsets,
 }
 
 impl Map {
@@ -58,6 +60,7 @@ impl Map {
         Self {
             disparities_q4: Vec::with_capacity(pixels),
             confidences: Vec::with_capacity(pixels),
+            line_offsets: config.line_offsets,
         }
     }
 

@@ -9,7 +9,7 @@ pub use map::FrameError;
 
 use std::time::{Duration, Instant};
 
-use vgstereo_core::{Config, DisparityLine, Matcher, Method, PushError};
+use vgstereo_core::{Config, DisparityLine, LineOffsets, Matcher, Method, PushError};
 use vgstereo_kernels::NativeKernels;
 
 use self::map::Map;
@@ -22,6 +22,8 @@ pub struct Matched {
     pub disparities_q4: Vec<i16>,
     /// Confidence of each disparity: 1 to 255, 0 where it was filled in or is not known.
     pub confidences: Vec<u8>,
+    /// What the frame taught of the offsets of lines: see [`Matcher::line_offsets`].
+    pub line_offsets: LineOffsets,
     /// Time from the first line in to the last line out, set-up of the memory excluded.
     pub time: Duration,
     /// Working memory of a matcher, bytes.
@@ -75,6 +77,7 @@ pub fn match_frame(
         time,
         disparities_q4: map.disparities_q4,
         confidences: map.confidences,
+        line_offsets: map.line_offsets,
         working_bytes: config.memory_words() * size_of::<u32>(),
         latency_lines: config.parameters.latency_lines(),
     })
@@ -98,5 +101,7 @@ fn match_alone(
     while let Some(line) = matcher.finish() {
         map.push(line.disparities_q4, line.confidences);
     }
-    Ok((map, started.elapsed()))
+    let time = started.elapsed();
+    map.line_offsets = matcher.line_offsets();
+    Ok((map, time))
 }

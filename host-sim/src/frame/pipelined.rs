@@ -6,6 +6,7 @@
 
 use std::iter::Flatten;
 use std::ops::Range;
+use std::panic::resume_unwind;
 use std::sync::mpsc::{IntoIter, Receiver, SyncSender, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -77,9 +78,11 @@ pub(super) fn match_pipelined(
     thread::scope(|scope| {
         // Dropped with the scope: a panic here ends the other thread's wait.
         let mut make_masks = make_masks;
-        thread::Builder::new()
+        let rows = thread::Builder::new()
             .spawn_scoped(scope, move || {
-                match_rows(&mut matcher, views, kernels, &found_sender)
+                match_rows(&mut matcher, views, kernels, &found_sender);
+                matcher.end_frame();
+                matcher.line_offsets()
             })
             .map_err(|_| FrameError::Threads(THREADS))?;
         for _ in 0..BATCHES_AHEAD {
@@ -94,6 +97,7 @@ pub(super) fn match_pipelined(
             }
             make_masks();
         }
+        map.line_offsets = rows.join().unwrap_or_else(|panic| resume_unwind(panic));
         Ok::<_, FrameError>(())
     })?;
     while refiner.flush(behind.view.channels()) {

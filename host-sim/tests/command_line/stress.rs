@@ -72,6 +72,79 @@ fn written_scenes_are_those_that_were_measured() {
     assert_eq!(compared, 2 * 5 * 2);
 }
 
+/// A picture that is taken for several frames is matched better where lines lie too low, and else as before.
+#[test]
+fn later_frames_begin_with_what_the_first_one_taught() {
+    let fixture = two_scenes();
+    let measured = |frames: &str| {
+        let words = [
+            "stress",
+            "--preset",
+            "lite",
+            "--kind",
+            "line-offset=0.9",
+            "--json",
+        ];
+        let report = json(&fixture, &[&words[..], &["--frames", frames]].concat());
+        let row =
+            |index: usize| report["scenes"][0]["rows"][index]["presets"][0]["average"].as_f64();
+        [row(0).unwrap(), row(1).unwrap()]
+    };
+    let [undisturbed, first] = measured("1");
+    let [undisturbed_later, later] = measured("3");
+    assert_eq!(undisturbed, undisturbed_later);
+    assert!(later < first, "{later} after {first}");
+    fixture.refuses(&["stress", "--frames", "0"], &["--frames"]);
+}
+
+/// What `match` tells of the lines of a pair is taken by its option, and then there is nothing left to tell.
+#[test]
+fn line_offsets_that_were_told_are_taken() {
+    let fixture = two_scenes();
+    let words = [
+        "stress",
+        "--kind",
+        "roll=0.25",
+        "--preset",
+        "lite",
+        "--write",
+        "out",
+    ];
+    assert_eq!(fixture.run(&words).code, Some(0));
+    let folder = fs::read_dir(fixture.path("out"))
+        .unwrap()
+        .next()
+        .unwrap()
+        .unwrap();
+    let [left, right] = ["im2.png", "im6.png"].map(|name| {
+        let path = folder.path().join(name);
+        assert!(path.exists(), "{}", path.display());
+        path.to_str().unwrap().to_owned()
+    });
+    let mut given = None::<String>;
+    for _ in 0..4 {
+        let mut words = vec![
+            "match", &left, &right, "--preset", "lite", "--out", "map.pfm",
+        ];
+        words.extend(given.as_deref());
+        let outcome = fixture.run(&words);
+        assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+        let told = outcome
+            .stdout
+            .lines()
+            .find(|line| line.contains("--line-offsets="));
+        let Some(told) = told else {
+            assert!(given.is_some(), "{}", outcome.stdout);
+            return;
+        };
+        let option = told.split(' ').next_back().unwrap().to_owned();
+        let degrees: f64 = option.split(',').nth(1).unwrap().parse().unwrap();
+        assert!((degrees.abs() - 0.25).abs() < 0.06, "{told}");
+        given = Some(option);
+    }
+    panic!("there is always something to tell: {given:?}");
+}
+
 #[test]
 fn what_cannot_be_disturbed_is_refused() {
     let fixture = two_scenes();

@@ -16,7 +16,7 @@ use vgstereo_firmware::camera::PixelFormat;
 use vgstereo_kernels::NativeKernels;
 use vgstereo_sim::frame::match_frame;
 
-use crate::{Map, Pair, follow, oracle};
+use crate::{Map, Pair, follow, line_offsets, oracle};
 
 /// A pair and a configuration that fits it.
 #[derive(Debug, Clone)]
@@ -62,7 +62,7 @@ impl<'a> Arbitrary<'a> for Case {
             width: u.int_in_range(1..=width - x)?,
             height: u.int_in_range(1..=height as u32 + 1)?,
         };
-        let config = Config {
+        let mut config = Config {
             reference: *u.choose(&[Reference::Left, Reference::Right])?,
             colour,
             output: *u.choose(&[Output::Dense, Output::Sparse])?,
@@ -76,6 +76,7 @@ impl<'a> Arbitrary<'a> for Case {
         };
         let levels = u.int_in_range(1..=256)?;
         let seed = u.arbitrary()?;
+        config.line_offsets = line_offsets(seed);
         let mut pair = Pair::random_in(format, width.into(), height, levels, seed);
         if u.ratio(3, 4)? {
             follow(&mut pair, disparities, seed);

@@ -9,7 +9,7 @@ use std::collections::HashSet;
 use vgstereo_core::config::{RivalParameters, SpeckleParameters, Voters};
 use vgstereo_core::kernel::{channel_row, luma_row};
 use vgstereo_core::pattern::StoredOffset;
-use vgstereo_core::{Config, INVALID, Method, Output, Reference, SgmParameters};
+use vgstereo_core::{Config, INVALID, LineOffsets, Method, Output, Reference, SgmParameters};
 
 use super::recall::offsets;
 use crate::Pair;
@@ -49,6 +49,13 @@ impl View {
 /// Returns the disparities of the whole reference view, 1/16 px, and their confidences.
 #[must_use]
 pub fn match_whole(pair: &Pair, config: &Config) -> (Vec<i16>, Vec<u8>) {
+    let (map_q4, confidences, _) = match_and_learn(pair, config);
+    (map_q4, confidences)
+}
+
+/// Returns the disparities, their confidences, and the offsets of lines that the frame taught.
+#[must_use]
+pub fn match_and_learn(pair: &Pair, config: &Config) -> (Vec<i16>, Vec<u8>, LineOffsets) {
     let Method::Sgm(a) = config.parameters.method else {
         panic!("this is the oracle of SGM");
     };
@@ -66,7 +73,8 @@ pub fn match_whole(pair: &Pair, config: &Config) -> (Vec<i16>, Vec<u8>) {
             *dx = -*dx;
         }
     }
-    let (found, mut confidences) = find(&reference, &other, &offsets, config, &a);
+    let begun = from_right_to_left(config.line_offsets, pair.width, !mirrored);
+    let (found, mut confidences, learned) = find(&reference, &other, &offsets, begun, config, &a);
     let mut map = found;
     if let Some(parameters) = a.speckle {
         map = without_speckles(&map, &reference, &parameters);
@@ -140,7 +148,22 @@ pub fn match_whole(pair: &Pair, config: &Config) -> (Vec<i16>, Vec<u8>) {
             line.reverse();
         }
     }
-    (map_q4, confidences)
+    let learned = from_right_to_left(learned, pair.width, !mirrored);
+    (map_q4, confidences, learned)
+}
+
+/// Offsets of columns that are counted from the other side, if they are; the middle column is the same but for
+/// even widths.
+fn from_right_to_left(offsets: LineOffsets, width: usize, turns: bool) -> LineOffsets {
+    if !turns {
+        return offsets;
+    }
+    let middle = width as i32 / 2;
+    LineOffsets {
+        shift_q24: offsets.shift_q24 + (width as i32 - 1 - 2 * middle) * offsets.tilt_q24,
+        tilt_q24: -offsets.tilt_q24,
+        ..offsets
+    }
 }
 
 fn view(pair: &Pair, camera: usize, a: &SgmParameters) -> View {
@@ -266,12 +289,39 @@ impl Exposure {
     }
 }
 
+/// Solves three linear equations by elimination.
+fn solve(mut equations: [[f64; 4]; 3]) -> [f64; 3] {
+    for pivot in 0..3 {
+        let row = equations[pivot].map(|term| term / equations[pivot][pivot]);
+        equations[pivot] = row;
+        for other in (0..3).filter(|&other| other != pivot) {
+            let factor = equations[other][pivot];
+            for (term, known) in equations[other].iter_mut().zip(row) {
+                *term -= factor * known;
+            }
+        }
+    }
+    equations.map(|equation| equation[3])
+}
+
+/// A row that taught an offset, with what its lines were moved by.
+struct TaughtRow {
+    line: i32,
+    moved: [i64; 2],
+    sums: [i64; 5],
+}
+
 /// Vertical offset of the pixels of the other view, as learned so far: in the middle of the line, and its
-/// increment from pixel to pixel from right to left, 1/2^24 of a line; positive if they lie too low.
-#[derive(Default)]
+/// increment from pixel to pixel from right to left, 1/2^24 of a line; positive if they lie too low. They add to
+/// what the frame began with.
 struct Alignment {
+    begun: LineOffsets,
+    lines_max: u8,
+    width: i32,
     shift: i64,
     tilt: i64,
+    /// Rows that taught the frame, in runs that were moved by the same offset and are not too long.
+    taught: Vec<Vec<TaughtRow>>,
     /// Number of rows still to be left out, because lines around them were moved by another offset.
     settling: i32,
     /// Sums of g g, g g x, g g x x, g d and g d x, with the gradient g and the difference d.
@@ -279,6 +329,129 @@ struct Alignment {
 }
 
 impl Alignment {
+    fn new(begun: LineOffsets, lines_max: u8, width: i32) -> Self {
+        Self {
+            begun,
+            lines_max,
+            width,
+            shift: 0,
+            tilt: 0,
+            taught: vec![Vec::new()],
+            settling: 0,
+            sums: [0; 5],
+        }
+    }
+
+    /// Shift and tilt in the middle of line `y`.
+    fn in_force(&self, y: i32) -> [i64; 2] {
+        let begun =
+            i64::from(self.begun.shift_q24) + i64::from(self.begun.stretch_q24) * i64::from(y);
+        let [shift_max, tilt_max] = self.largest();
+        [
+            (begun + self.shift).clamp(-shift_max, shift_max),
+            (i64::from(self.begun.tilt_q24) + self.tilt).clamp(-tilt_max, tilt_max),
+        ]
+    }
+
+    fn largest(&self) -> [i64; 2] {
+        // Together with the largest shift less than 16 lines.
+        let tilt_max = (8 << 24) / (i64::from(self.width) / 2 + 8);
+        [i64::from(self.lines_max) << 24, tilt_max]
+    }
+
+    /// The plane of offsets that the frame showed.
+    fn learned(&self) -> LineOffsets {
+        const LINE: f64 = 16_777_216.0;
+        let runs = self.taught.iter().filter(|run| !run.is_empty());
+        let Some(last) = runs.clone().next_back().and_then(|run| run.last()) else {
+            return self.begun;
+        };
+        let lines = last.line + 1;
+        // Weight, x, y and offset: the normal equations are sums of products of the last three and of one.
+        let mut equations = [[0.0; 4]; 3];
+        let mut add = |weight: f64, x: f64, xx: f64, y: f64, yy: f64, offset: [f64; 2]| {
+            let [offset, offset_x] = offset;
+            let rows = [
+                [weight, x, weight * y, offset],
+                [x, xx, x * y, offset_x],
+                [weight * y, x * y, weight * yy, offset * y],
+            ];
+            for (equation, row) in equations.iter_mut().zip(rows) {
+                for (sum, term) in equation.iter_mut().zip(row) {
+                    *sum += term;
+                }
+            }
+        };
+        let (mut weights, mut heights) = (0.0, 0.0);
+        for run in runs {
+            // As one row, in their middle.
+            let middle = run[run.len() - 1 - run.len() / 2].line;
+            let [n, x, xx, p, px] = [0, 1, 2, 3, 4]
+                .map(|term| run.iter().map(|row| row.sums[term]).sum::<i64>() as f64);
+            let at_middle = run.iter().find(|row| row.line == middle).unwrap();
+            let [shift, tilt] = at_middle.moved.map(|q24| q24 as f64 / LINE);
+            let y = f64::from(middle);
+            let shown = [
+                2.0 * p + shift * n + tilt * x,
+                2.0 * px + shift * x + tilt * xx,
+            ];
+            add(n, x, xx, y, y * y, shown);
+            weights += n;
+            heights += n * y;
+        }
+        let [shift, tilt, stretch] = [
+            self.begun.shift_q24,
+            self.begun.tilt_q24,
+            self.begun.stretch_q24,
+        ]
+        .map(|q24| f64::from(q24) / LINE);
+        let quarter_x = f64::from((self.width / 4).max(1));
+        let quarter_y = f64::from((lines / 4).max(1));
+        let middle = if weights > 0.0 {
+            heights / weights
+        } else {
+            quarter_y
+        };
+        for [side_x, side_y] in [[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]] {
+            let (weight, x, y) = (15_000.0, side_x * quarter_x, middle + side_y * quarter_y);
+            let offset = weight * (shift + tilt * x + stretch * y);
+            add(
+                weight,
+                weight * x,
+                weight * x * x,
+                y,
+                y * y,
+                [offset, offset * x],
+            );
+        }
+        let [shift, tilt, stretch] = solve(equations);
+        let corner = |x: i32, y: i32| {
+            let [x, y] = [x, y].map(f64::from);
+            shift + tilt * x + stretch * y
+                - (f64::from(self.begun.shift_q24)
+                    + f64::from(self.begun.tilt_q24) * x
+                    + f64::from(self.begun.stretch_q24) * y)
+                    / LINE
+        };
+        let half = self.width / 2;
+        let corners = [
+            corner(-half, 0),
+            corner(half, 0),
+            corner(-half, lines),
+            corner(half, lines),
+        ];
+        if corners.iter().all(|change| change.abs() < 24.0 / 256.0) {
+            return self.begun;
+        }
+        let [shift_q24, tilt_q24, stretch_q24] =
+            [shift, tilt, stretch].map(|lines| (lines * LINE) as i32);
+        LineOffsets {
+            shift_q24,
+            tilt_q24,
+            stretch_q24,
+        }
+    }
+
     /// Learns from a row's matches: the pixel in the reference view, the pixel in the other view,
     /// and the sub-pixel step of the match, 1/16 px.
     fn learn(
@@ -287,12 +460,14 @@ impl Alignment {
         y: i32,
         [reference, other]: [&View; 2],
         exposure: &Exposure,
-        (lines_max, support_y): (u8, u8),
+        support_y: u8,
     ) {
         if self.settling > 0 {
             self.settling -= 1;
             return;
         }
+        let moved = self.in_force(y);
+        let reach = self.largest()[0];
         // Running means of differences and of gradients, times 8.
         let mut means = [0; 2];
         let mut row = [0; 5];
@@ -314,6 +489,11 @@ impl Alignment {
             if difference.abs() > 24 || gradient.abs() > 64 {
                 continue;
             }
+            let place = i64::from(other.width - 1 - match_x - other.width / 2);
+            // Where pixels could not be moved by as much as was learned.
+            if (moved[0] + moved[1] * place).abs() > reach {
+                continue;
+            }
             let [local_difference, local_gradient]: [i32; 2] = [0, 1].map(|i| {
                 let value = [difference, gradient][i];
                 means[i] += value - (means[i] >> 3);
@@ -321,7 +501,6 @@ impl Alignment {
             });
             let square = i64::from((local_gradient * local_gradient) >> 6);
             let product = i64::from((local_gradient * local_difference) >> 6);
-            let place = i64::from(other.width - 1 - match_x - other.width / 2);
             let terms = [
                 square,
                 square * place,
@@ -332,6 +511,15 @@ impl Alignment {
             for (sum, term) in row.iter_mut().zip(terms) {
                 *sum += term;
             }
+        }
+        let run = self.taught.last_mut().unwrap();
+        run.push(TaughtRow {
+            line: y,
+            moved,
+            sums: row,
+        });
+        if run.len() == 9 {
+            self.taught.push(Vec::new());
         }
         for (sum, row) in self.sums.iter_mut().zip(row) {
             *sum += row - sum.div_euclid(8);
@@ -352,29 +540,27 @@ impl Alignment {
         if ends.iter().all(|&end| end < 24 << 16) {
             return;
         }
-        let shift_max = i64::from(lines_max) << 24;
-        // Together with the largest shift less than 16 lines.
-        let tilt_max = (8 << 24) / (width / 2 + 8);
-        *self = Self {
-            shift: (self.shift + shift).clamp(-shift_max, shift_max),
-            tilt: (self.tilt + tilt).clamp(-tilt_max, tilt_max),
-            settling: i32::from(support_y) + i32::from(lines_max) + 1,
-            sums: [0; 5],
-        };
+        let [shift_max, tilt_max] = self.largest();
+        self.shift = (self.shift + shift).clamp(-shift_max, shift_max);
+        self.tilt = (self.tilt + tilt).clamp(-tilt_max, tilt_max);
+        self.settling = i32::from(support_y) + i32::from(self.lines_max) + 1;
+        self.sums = [0; 5];
+        self.taught.push(Vec::new());
     }
 
-    /// The offset of a pixel of the other view, 1/16 of a line: that of the middle of its block of eight.
-    fn offset_q4(&self, x: i32, width: i32, lines_max: u8) -> i32 {
-        let block = (width - 1 - x).div_euclid(8);
-        let from_middle = i64::from(8 * block + 4 - width / 2);
-        let offset = (self.shift + self.tilt * from_middle + (1 << 19)).div_euclid(1 << 20);
-        let most = 16 * i64::from(lines_max);
+    /// The offset of a pixel of line `y` of the other view, 1/16 of a line: that of the middle of its block of eight.
+    fn offset_q4(&self, x: i32, y: i32) -> i32 {
+        let block = (self.width - 1 - x).div_euclid(8);
+        let from_middle = i64::from(8 * block + 4 - self.width / 2);
+        let [shift, tilt] = self.in_force(y);
+        let offset = (shift + tilt * from_middle + (1 << 19)).div_euclid(1 << 20);
+        let most = 16 * i64::from(self.lines_max);
         offset.clamp(-most, most) as i32
     }
 
     /// Writes line `y` of the moved view as the strip has it when the line arrives, and the pixels of the
     /// lines above that lie between it and the line before.
-    fn moved(&self, raw: &View, y: i32, lines_max: u8, view: &mut View) {
+    fn moved(&self, raw: &View, y: i32, view: &mut View) {
         let planes = raw.channels.iter().chain([&raw.grey]);
         let moved = view.channels.iter_mut().chain([&mut view.grey]);
         let width = raw.width;
@@ -382,7 +568,7 @@ impl Alignment {
             let row = |y: i32| (y.max(0) * width) as usize;
             for x in 0..raw.len() / view.height as usize {
                 moved[row(y) + x] = raw[row(y) + x];
-                let offset = self.offset_q4(x as i32, width, lines_max);
+                let offset = self.offset_q4(x as i32, y);
                 // The line whose pixel lies after the line before and up to this one, if it lies too low;
                 // else this line.
                 let line = if offset > 0 {
@@ -595,9 +781,10 @@ fn find(
     reference: &View,
     raw_other: &View,
     offsets: &[StoredOffset],
+    begun: LineOffsets,
     config: &Config,
     a: &SgmParameters,
-) -> (Vec<i32>, Vec<u8>) {
+) -> (Vec<i32>, Vec<u8>, LineOffsets) {
     let (width, height) = (reference.width, reference.height);
     let (minimum, count) = (
         i32::from(config.disparities.minimum_px),
@@ -630,7 +817,7 @@ fn find(
     };
     // Lines that pixels wait for, besides one.
     let waiting = i32::from(lines_max.max(1)) - 1;
-    let mut alignment = Alignment::default();
+    let mut alignment = Alignment::new(begun, lines_max, width);
     let mut line_gain = LineGain::default();
     let mut mended_other = raw_other.clone();
     let mut other = raw_other.clone();
@@ -653,7 +840,7 @@ fn find(
                 config,
                 &mut mended_other,
             );
-            alignment.moved(&mended_other, lines_in, lines_max, &mut other);
+            alignment.moved(&mended_other, lines_in, &mut other);
             if smooths {
                 let step = (i32::from(a.smoothing_step) + 4 * noise(&exposure)).min(255);
                 for (view, smoothed) in [reference, &other].into_iter().zip(&mut smoothed) {
@@ -823,8 +1010,7 @@ fn find(
         let is_inside = y > 0 && y + 1 < lines_in;
         if lines_max > 0 && is_inside && exposure.dead_zone < 255 {
             let views = [reference, other];
-            let limits = (lines_max, support_y);
-            alignment.learn(&matches, y, views, &exposure, limits);
+            alignment.learn(&matches, y, views, &exposure, support_y);
         }
         // Where levels do not count, their exposure is not learned.
         if full_weight > 0 {
@@ -838,7 +1024,7 @@ fn find(
             above.clear();
         }
     }
-    (found, confidences)
+    (found, confidences, alignment.learned())
 }
 
 /// Which pixels of a row are in doubt because a second disparity fits about as well.

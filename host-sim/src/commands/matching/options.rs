@@ -10,6 +10,7 @@ use vgstereo_core::{DisparityRange, Preset, Reference};
 use crate::arguments::{Overrides, ScanOptions, parse_preset};
 use crate::cameras::CameraOptions;
 use crate::images::parse_bits;
+use crate::line_offsets::ViewOffsets;
 
 /// The largest disparity that is searched when `--d-max` is not given, px.
 const DEFAULT_D_MAX: u16 = 63;
@@ -74,6 +75,11 @@ pub(super) struct Options {
     /// Leave out disparities that were filled in rather than found.
     #[arg(long)]
     pub(super) sparse: bool,
+    /// What is known of how the other view's lines lie: PX,DEGREES,PERCENT, by how much they lie too low in the
+    /// middle, fall to the right, and are too far apart; `match` tells it. The SGM presets learn it by themselves
+    /// within some lines, and are right from the first line on if they begin with it.
+    #[arg(long, value_name = "PX,DEG,%", allow_hyphen_values = true)]
+    pub(super) line_offsets: Option<ViewOffsets>,
     /// Do not look for what may be wrong with the pair: views exchanged, lines off, a search range
     /// that is too small.
     #[arg(long)]

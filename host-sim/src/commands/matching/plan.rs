@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, ensure};
 use image::ImageFormat;
 use vgstereo_core::geometry::{Depth, LaserScan, Rectification, RectifiedCamera, ScanConfig};
-use vgstereo_core::{Config, DisparityRange, Parameters, Reference};
+use vgstereo_core::{Config, DisparityRange, LineOffsets, Parameters, Reference};
 use vgstereo_kernels::NativeKernels;
 
 use super::options::Options;
@@ -17,6 +17,7 @@ use crate::disparity_files::{DisparityFormat, grey_png};
 use crate::files::encode;
 use crate::frame::{Matched, match_frame};
 use crate::images::ViewImages;
+use crate::line_offsets::ViewOffsets;
 use crate::pictures::colour_disparities;
 use crate::point_files::PointFormat;
 use crate::rectify::rectified;
@@ -139,6 +140,10 @@ impl Plan {
         let config = Config {
             reference: options.reference.into(),
             output: output_of(options.sparse),
+            line_offsets: match options.line_offsets {
+                Some(offsets) => offsets.in_lines(height),
+                None => LineOffsets::NONE,
+            },
             ..Config::new(parameters, width, disparities)
         };
         config.validate()?;
@@ -250,6 +255,17 @@ impl Plan {
         // Those with a meaning first.
         written.sort_by_key(|(_, meaning)| meaning.is_none());
         written
+    }
+
+    /// What a pair showed of how the lines of the other view lie, if it was not known before.
+    pub(super) fn line_offsets_shown(&self, matched: &Matched) -> Option<ViewOffsets> {
+        let shown = matched.line_offsets;
+        (shown != self.config.line_offsets).then(|| ViewOffsets::of(shown, self.height))
+    }
+
+    /// The view that gets the disparities.
+    pub(super) fn reference(&self) -> Reference {
+        self.config.reference
     }
 
     /// The disparities that are searched.

@@ -14,6 +14,7 @@ use crate::arguments::name_of;
 use crate::escapes::{printable, shown_name};
 use crate::files::{make_folder, write_files};
 use crate::images::{ViewImages, bits_note};
+use crate::line_offsets::ViewOffsets;
 use crate::link::recorded::Lacking;
 use crate::pair_check::hints;
 use crate::tables::{milliseconds, table};
@@ -46,6 +47,9 @@ pub(super) struct Figures {
     found_percent: usize,
     /// What may be wrong with the pair.
     hints: Vec<String>,
+    /// How the lines of the other view were found to lie.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    line_offsets: Option<ViewOffsets>,
     #[serde(skip)]
     bits: Option<u8>,
 }
@@ -139,6 +143,7 @@ impl Figures {
             seconds: done.matched.time.as_secs_f64(),
             found_percent: done.found_percent(),
             hints: hints.iter().map(ToString::to_string).collect(),
+            line_offsets: plan.line_offsets_shown(&done.matched),
             bits,
         })
     }

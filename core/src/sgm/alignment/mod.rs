@@ -7,18 +7,21 @@
 //! divided by the vertical gradient; the estimate, a shift and a tilt of the line, is a least-squares fit
 //! over many matches. The lines of the other view that are still to come are moved by it.
 //!
+//! At the end of a frame, a plane is fitted to the matches of all its lines ([`frame`]). A frame that begins
+//! with it has its first lines in place.
+//!
 //! The running mean along the line is subtracted from differences and gradients, so that neither
 //! shading nor a gain that changes along the line is mistaken for an offset.
 
-use crate::kernel::LevelConversion;
-use crate::rows::{OFFSET_BITS, RowOffsets};
+mod frame;
+mod sums;
 
-/// Largest difference of levels that is used: larger ones stem from wrong matches or occlusion
-/// rather than from the offset.
-const DIFFERENCE_MAX: u32 = 24;
-/// Largest difference between the lines above and below that is used: larger ones are edges, at
-/// which levels do not follow the gradient.
-const GRADIENT_MAX: u32 = 64;
+use self::frame::FrameFit;
+use self::sums::Sums;
+pub(super) use self::sums::{GreyRows, Match};
+use crate::kernel::LevelConversion;
+use crate::rows::{LineOffsets, OFFSET_BITS, RowOffsets};
+
 /// Smallest sum of the squares of the gradients from which offsets are estimated; the noise of a
 /// camera then makes them uncertain by about 1/16 line.
 const EVIDENCE_MIN: i64 = 30_000;
@@ -27,170 +30,100 @@ const EVIDENCE_MIN: i64 = 30_000;
 const PRIOR: i64 = 15_000;
 /// Smallest change of the offset at either end of the line, 24/256 line: more than that uncertainty.
 const CHANGE_MIN_Q24: i64 = 24 << (OFFSET_BITS - 8);
-/// Fading of the sums: they lose 1/8 with every line.
-const FADING_SHIFT: u32 = 3;
-/// Length of the running means along the line: about 8 matches.
-const MEAN_SHIFT: u32 = 3;
-
-/// Rows of grey around a row that is matched, in stored order.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct GreyRows<'a> {
-    /// The row of the reference view.
-    pub(super) own: &'a [u8],
-    /// Rows of the other view: above the row, at it, and below it.
-    pub(super) others: [&'a [u8]; 3],
-}
-
-/// A match whose levels are compared, as positions in the stored order of each view.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Match {
-    /// Position in the row of the reference view.
-    pub(super) position: usize,
-    /// Position in the row of the other view, in whole pixels.
-    pub(super) other_position: usize,
-    /// Sub-pixel step from that position to the match, 1/16 px, in stored order.
-    pub(super) subpixel_q4: i16,
-}
-
-/// Sums over the matches of lines: of the squares of the gradients, where a gradient is the line below less
-/// the line above, and of the products of gradients and differences; each also with the position x of the
-/// match in the other view, from the middle of its line.
-#[derive(Debug, Default)]
-struct Sums {
-    squares: i64,
-    squares_x: i64,
-    squares_xx: i64,
-    products: i64,
-    products_x: i64,
-}
-
-impl Sums {
-    /// The sums of the matches of a row, given in the order of the line. `conversion` is that of grey
-    /// levels.
-    fn of(
-        matches: impl Iterator<Item = Match>,
-        rows: GreyRows<'_>,
-        conversion: &LevelConversion,
-    ) -> Self {
-        let middle = (rows.own.len() / 2) as i32;
-        let (mut squares, mut products) = (0_i32, 0_i32);
-        let (mut squares_x, mut squares_xx, mut products_x) = (0_i64, 0_i64, 0_i64);
-        let (mut mean_difference_q3, mut mean_gradient_q3) = (0, 0);
-        for found in matches {
-            let Some((difference, gradient)) = compare(found, rows, conversion) else {
-                continue;
-            };
-            if difference.unsigned_abs() > DIFFERENCE_MAX || gradient.unsigned_abs() > GRADIENT_MAX
-            {
-                continue;
-            }
-            mean_difference_q3 += difference - (mean_difference_q3 >> MEAN_SHIFT);
-            mean_gradient_q3 += gradient - (mean_gradient_q3 >> MEAN_SHIFT);
-            let difference_q3 = (difference << MEAN_SHIFT) - mean_difference_q3;
-            let gradient_q3 = (gradient << MEAN_SHIFT) - mean_gradient_q3;
-            // Each is at most (16 * 64)^2 / 64, and fewer than 2^15 matches of a line are used.
-            let square = (gradient_q3 * gradient_q3) >> (2 * MEAN_SHIFT);
-            let product = (gradient_q3 * difference_q3) >> (2 * MEAN_SHIFT);
-            // Within 2^15 of the middle.
-            let x = found.other_position as i32 - middle;
-            squares += square;
-            products += product;
-            squares_x += i64::from(square) * i64::from(x);
-            squares_xx += i64::from(square * x) * i64::from(x);
-            products_x += i64::from(product) * i64::from(x);
-        }
-        Self {
-            squares: squares.into(),
-            squares_x,
-            squares_xx,
-            products: products.into(),
-            products_x,
-        }
-    }
-
-    /// Adds the sums of a row to those of the rows above, which fade.
-    fn add(&mut self, row: &Self) {
-        for (sum, row) in [
-            (&mut self.squares, row.squares),
-            (&mut self.squares_x, row.squares_x),
-            (&mut self.squares_xx, row.squares_xx),
-            (&mut self.products, row.products),
-            (&mut self.products_x, row.products_x),
-        ] {
-            *sum += row - (*sum >> FADING_SHIFT);
-        }
-    }
-
-    /// By how much the pixels of rows of `width` px lie too low, by least squares. One match more says that
-    /// they do not, so that little evidence makes no large tilt.
-    fn fit(&self, width: usize) -> RowOffsets {
-        let quarter = (width / 4) as i64;
-        let [n, x, xx, p, px] = [
-            self.squares + PRIOR,
-            self.squares_x,
-            self.squares_xx + PRIOR * quarter * quarter,
-            // Gradients are over two lines.
-            2 * self.products,
-            2 * self.products_x,
-        ]
-        .map(|sum| sum as f64);
-        // The divisors are positive: the prior adds to `n` and `xx`, and `n xx` is never less than `x x`. Few
-        // divisions: they are software on most boards.
-        let mean = 1.0 / n;
-        let x_mean = x * mean;
-        let tilt = (px - p * x_mean) / (xx - x * x_mean);
-        let shift = (p - x * tilt) * mean;
-        let [shift_q24, tilt_q24] =
-            [shift, tilt].map(|lines| (lines * f64::from(1 << OFFSET_BITS)) as i32);
-        RowOffsets {
-            shift_q24,
-            tilt_q24,
-        }
-    }
-}
-
-/// The running estimate of the offsets.
+/// The running estimate of the offsets, in the stored order of the other view.
 #[derive(Debug)]
 pub(super) struct Alignment {
-    offsets: RowOffsets,
+    /// What the frame began with.
+    begun: LineOffsets,
+    /// By how much the newest lines differ from that.
+    deviation: RowOffsets,
+    /// What the last whole frame taught.
+    learned: LineOffsets,
     width: usize,
     shift_max_q24: i32,
-    /// Number of rows still to come whose lines were not all moved by the current offsets.
+    /// Number of rows still to come whose lines were not all moved by the current deviation.
     settling_lines: u32,
     settling_lines_max: u32,
     sums: Sums,
+    frame: FrameFit,
 }
 
 impl Alignment {
-    /// An estimate of 0 for lines of `width` px. Offsets are limited to `lines_max` lines, at most 4, in either
-    /// direction; `lines_ahead` lines come before a row is matched.
-    pub(super) fn new(width: usize, lines_max: u8, lines_ahead: u32) -> Self {
+    /// The estimate for frames of `width` px that begin with the offsets `begun`. Offsets are limited to
+    /// `lines_max` lines, at most 4, in either direction; `lines_ahead` lines come before a row is matched.
+    pub(super) fn new(width: usize, lines_max: u8, lines_ahead: u32, begun: LineOffsets) -> Self {
         Self {
-            offsets: RowOffsets::NONE,
+            begun,
+            deviation: RowOffsets::NONE,
+            learned: begun,
             width,
             shift_max_q24: i32::from(lines_max) << OFFSET_BITS,
             settling_lines: 0,
             settling_lines_max: lines_ahead + 2,
             sums: Sums::default(),
+            frame: FrameFit::default(),
         }
     }
 
     /// Forgets the frame.
     pub(super) fn reset(&mut self) {
-        self.offsets = RowOffsets::NONE;
+        self.deviation = RowOffsets::NONE;
         self.settling_lines = 0;
         self.sums = Sums::default();
+        self.frame = FrameFit::default();
     }
 
-    /// The offsets of the pixels of the other view, in its stored order.
-    pub(super) fn offsets(&self) -> RowOffsets {
-        self.offsets
+    /// Forgets the frame; the next ones begin with these offsets.
+    pub(super) fn begin_with(&mut self, begun: LineOffsets) {
+        self.begun = begun;
+        self.learned = begun;
+        self.reset();
     }
 
-    /// Learns from the matches of a row, given in the order of the line. `conversion` is that of
+    /// What the last whole frame taught, or else what frames begin with.
+    pub(super) fn learned(&self) -> LineOffsets {
+        self.learned
+    }
+
+    /// Takes what the frame taught, if anything, which has come to its end.
+    pub(super) fn end_frame(&mut self) {
+        if self.frame.lines() == 0 {
+            return;
+        }
+        self.fold();
+        let fit = self.frame.fit(self.begun, self.width);
+        let width = self.width.min(u16::MAX.into()) as u16;
+        let change = fit.less(self.begun).largest_q24(width, self.frame.lines());
+        self.learned = if change < CHANGE_MIN_Q24 as u64 {
+            self.begun
+        } else {
+            fit
+        };
+    }
+
+    /// The offsets of the pixels of `line` of the other view.
+    pub(super) fn offsets(&self, line: u32) -> RowOffsets {
+        self.bounded(self.begun.row(line), self.deviation)
+    }
+
+    /// The sum of offsets, within the bounds of both.
+    fn bounded(&self, offsets: RowOffsets, change: RowOffsets) -> RowOffsets {
+        let sum = |offset: i32, change: i32, most: i32| {
+            // Not `clamp`, which panics unless its bounds are in order.
+            offset.saturating_add(change).min(most).max(-most)
+        };
+        let tilt_max_q24 = RowOffsets::tilt_max_q24(self.width);
+        RowOffsets {
+            shift_q24: sum(offsets.shift_q24, change.shift_q24, self.shift_max_q24),
+            tilt_q24: sum(offsets.tilt_q24, change.tilt_q24, tilt_max_q24),
+        }
+    }
+
+    /// Learns from the matches of the row of `line`, given in the order of the line. `conversion` is that of
     /// grey levels.
     pub(super) fn learn(
         &mut self,
+        line: u32,
         matches: impl Iterator<Item = Match>,
         rows: GreyRows<'_>,
         conversion: &LevelConversion,
@@ -199,17 +132,29 @@ impl Alignment {
             self.settling_lines -= 1;
             return;
         }
-        self.sums.add(&Sums::of(matches, rows, conversion));
+        let offsets = self.offsets(line);
+        let row = Sums::of(matches, rows, conversion, offsets, self.shift_max_q24);
+        if self.frame.add(line, &row) {
+            self.fold();
+        }
+        self.sums.add_fading(&row);
         if self.sums.squares >= EVIDENCE_MIN {
             self.conclude();
         }
+    }
+
+    /// Adds the newest rows to the fit of the frame, before the deviation by which they were moved changes.
+    #[inline(never)]
+    fn fold(&mut self) {
+        let offsets = self.offsets(self.frame.middle_line());
+        self.frame.fold(offsets);
     }
 
     /// Changes the offsets if the sums show a clear deviation. Apart, for its floating point is software, and
     /// large, on most boards.
     #[inline(never)]
     fn conclude(&mut self) {
-        let change = self.sums.fit(self.width);
+        let change = fit(&self.sums, self.width);
         let half = (self.width / 2) as i64;
         let (shift, at_end) = (
             i64::from(change.shift_q24),
@@ -219,37 +164,38 @@ impl Alignment {
         if largest < CHANGE_MIN_Q24 {
             return;
         }
-        let tilt_max_q24 = RowOffsets::tilt_max_q24(self.width);
-        let sum = |offset: i32, change: i32, most: i32| {
-            // Not `clamp`, which panics unless its bounds are in order.
-            offset.saturating_add(change).min(most).max(-most)
-        };
-        self.offsets = RowOffsets {
-            shift_q24: sum(self.offsets.shift_q24, change.shift_q24, self.shift_max_q24),
-            tilt_q24: sum(self.offsets.tilt_q24, change.tilt_q24, tilt_max_q24),
-        };
+        self.fold();
+        self.deviation = self.bounded(self.deviation, change);
         self.settling_lines = self.settling_lines_max;
         self.sums = Sums::default();
     }
 }
 
-/// The level of the reference view less that of the match in the reference camera's exposure,
-/// and the line below the match less the line above it. `None` at the edge of the row.
-#[inline]
-fn compare(found: Match, rows: GreyRows<'_>, conversion: &LevelConversion) -> Option<(i32, i32)> {
-    let at = found.other_position;
-    let [above, middle, below] = rows.others;
-    let around = middle.get(at.checked_sub(1)?..)?.first_chunk()?;
-    let [before, level, after] = around.map(i32::from);
-    let [own, above, below] = [
-        *rows.own.get(found.position)?,
-        *above.get(at)?,
-        *below.get(at)?,
+/// By how much the pixels of rows of `width` px lie too low, by least squares over the matches in `sums`. One
+/// match more says that they do not, so that little evidence makes no large tilt.
+fn fit(sums: &Sums, width: usize) -> RowOffsets {
+    let quarter = (width / 4) as i64;
+    let [n, x, xx, p, px] = [
+        sums.squares + PRIOR,
+        sums.squares_x,
+        sums.squares_xx + PRIOR * quarter * quarter,
+        // Gradients are over two lines.
+        2 * sums.products,
+        2 * sums.products_x,
     ]
-    .map(i32::from);
-    let between = ((after - before) * i32::from(found.subpixel_q4)) >> 5;
-    let matched = (level + between).clamp(0, 255) as u8;
-    Some((own - i32::from(conversion.apply(matched)), below - above))
+    .map(|sum| sum as f64);
+    // The divisors are positive: the prior adds to `n` and `xx`, and `n xx` is never less than `x x`. Few
+    // divisions: they are software on most boards.
+    let mean = 1.0 / n;
+    let x_mean = x * mean;
+    let tilt = (px - p * x_mean) / (xx - x * x_mean);
+    let shift = (p - x * tilt) * mean;
+    let [shift_q24, tilt_q24] =
+        [shift, tilt].map(|lines| (lines * f64::from(1 << OFFSET_BITS)) as i32);
+    RowOffsets {
+        shift_q24,
+        tilt_q24,
+    }
 }
 
 #[cfg(test)]
@@ -267,26 +213,20 @@ mod tests {
         120.0 + 30.0 * wave + 0.2 * x as f64
     }
 
-    /// Offsets at either end of the line, px, after each of `lines` lines of views that differ by
-    /// `ends_px` and by a gain that changes along the line.
-    fn learned_px(
-        ends_px: [f64; 2],
-        lines_max: u8,
+    /// Shows `alignment` `lines` lines of views whose offset, px, is `offset_px` at a column and a line, and which
+    /// differ by a gain that changes along the line.
+    fn show(
+        alignment: &mut Alignment,
+        offset_px: impl Fn(usize, usize) -> f64,
         gain_slope: f64,
         lines: usize,
-    ) -> Vec<[f64; 2]> {
-        let mut alignment = Alignment::new(WIDTH, lines_max, 5);
+        mut after_line: impl FnMut(RowOffsets),
+    ) {
         let place = |x: usize| x as f64 / WIDTH as f64;
-        let mut found = Vec::new();
         for y in 0..lines {
             // The lines are moved at once, so that the remaining offset is less by the one learned.
-            let learned = alignment.offsets();
-            let left_px = |x: usize| {
-                let [start, end] = ends_px;
-                let from_middle = x as f64 - (WIDTH / 2) as f64;
-                let q24 = f64::from(learned.shift_q24) + f64::from(learned.tilt_q24) * from_middle;
-                start + (end - start) * place(x) - q24 / LINE
-            };
+            let offsets = alignment.offsets(y as u32);
+            let left_px = |x: usize| offset_px(x, y) - at_px(offsets, x);
             let row = |dy: f64, slope: f64, offset_px: &dyn Fn(usize) -> f64| -> Vec<u8> {
                 let gain = |x: usize| 1.0 + slope * (place(x) - 0.5);
                 (0..WIDTH)
@@ -304,14 +244,40 @@ mod tests {
                 own: &own,
                 others: others.each_ref().map(Vec::as_slice),
             };
-            alignment.learn(matches, rows, &Exposure::new().conversion(0));
-            let RowOffsets {
-                shift_q24,
-                tilt_q24,
-            } = alignment.offsets();
-            let half = f64::from(tilt_q24) * (WIDTH / 2) as f64;
-            found.push([-half, half].map(|end| (f64::from(shift_q24) + end) / LINE));
+            let conversion = Exposure::new().conversion(0);
+            alignment.learn(y as u32, matches, rows, &conversion);
+            after_line(alignment.offsets(y as u32));
         }
+    }
+
+    /// The offset at a position, px.
+    fn at_px(offsets: RowOffsets, x: usize) -> f64 {
+        let from_middle = x as f64 - (WIDTH / 2) as f64;
+        (f64::from(offsets.shift_q24) + f64::from(offsets.tilt_q24) * from_middle) / LINE
+    }
+
+    fn alignment(lines_max: u8) -> Alignment {
+        Alignment::new(WIDTH, lines_max, 5, LineOffsets::NONE)
+    }
+
+    /// Offsets at either end of the line, px, after each of `lines` lines of views that differ by
+    /// `ends_px` and by a gain that changes along the line.
+    fn learned_px(
+        ends_px: [f64; 2],
+        lines_max: u8,
+        gain_slope: f64,
+        lines: usize,
+    ) -> Vec<[f64; 2]> {
+        let [start, end] = ends_px;
+        let offset_px = |x: usize, _| start + (end - start) * x as f64 / WIDTH as f64;
+        let mut found = Vec::new();
+        show(
+            &mut alignment(lines_max),
+            offset_px,
+            gain_slope,
+            lines,
+            |offsets| found.push([0, WIDTH].map(|x| at_px(offsets, x))),
+        );
         found
     }
 
@@ -346,7 +312,7 @@ mod tests {
             assert_eq!(end(1.5 * side, 1), side);
             assert_eq!(end(0.8 * side, 0), 0.0);
         }
-        let mut tilted = Alignment::new(WIDTH, 4, 5);
+        let mut tilted = alignment(4);
         for _ in 0..20 {
             tilted.sums = Sums {
                 squares: 1 << 20,
@@ -357,7 +323,7 @@ mod tests {
             tilted.conclude();
         }
         let most = RowOffsets::tilt_max_q24(WIDTH);
-        assert_eq!(tilted.offsets().tilt_q24, most);
+        assert_eq!(tilted.offsets(0).tilt_q24, most);
         assert!(i64::from(most) * (WIDTH as i64 / 2 + 8) <= 1 << 27);
     }
 
@@ -383,7 +349,7 @@ mod tests {
                 sums.products_x += product * x;
             }
             // What is left of both equations.
-            let fit = sums.fit(WIDTH);
+            let fit = fit(&sums, WIDTH);
             let [a, b] = [fit.shift_q24, fit.tilt_q24].map(|q24| f64::from(q24) / LINE);
             let [n, x, xx, p, px] = [
                 sums.squares + PRIOR,
@@ -406,7 +372,7 @@ mod tests {
     #[test]
     fn offsets_change_from_the_stated_evidence_and_deviation_on() {
         let after = |squares: i64, change_q8: f64| {
-            let mut alignment = Alignment::new(WIDTH, 1, 5);
+            let mut alignment = alignment(1);
             // The prior takes its part.
             let products = (squares + PRIOR) as f64 * change_q8 / 512.0;
             alignment.sums = Sums {
@@ -415,6 +381,7 @@ mod tests {
                 ..Sums::default()
             };
             alignment.learn(
+                0,
                 core::iter::empty(),
                 GreyRows {
                     own: &[],
@@ -422,7 +389,7 @@ mod tests {
                 },
                 &Exposure::new().conversion(0),
             );
-            alignment.offsets() != RowOffsets::NONE
+            alignment.offsets(0) != RowOffsets::NONE
         };
         // The sums fade by an eighth before they are looked at.
         let least = EVIDENCE_MIN * 8 / 7;
@@ -434,5 +401,68 @@ mod tests {
             assert!(!after(100_000, side * faded(23.9)));
             assert!(after(100_000, side * faded(24.1)));
         }
+    }
+
+    /// Frame by frame, the plane of offsets comes nearer to the true one, and the first line of a frame that
+    /// begins with it is in place.
+    #[test]
+    fn a_frame_begins_with_the_plane_that_the_last_one_showed() {
+        const LINES: usize = 150;
+        for [shift, tilt, stretch] in [
+            [0.4, 0.0, 0.0],
+            [-0.2, 0.006, 0.0],
+            [0.7, -0.002, -0.009],
+            [-0.9, 0.001, 0.012],
+        ] {
+            let true_px = |x: usize, y: usize| {
+                shift + tilt * (x as f64 - (WIDTH / 2) as f64) + stretch * y as f64
+            };
+            let mut alignment = alignment(2);
+            for _ in 0..3 {
+                show(&mut alignment, true_px, 0.0, LINES, |_| ());
+                alignment.end_frame();
+                let learned = alignment.learned();
+                alignment.begin_with(learned);
+            }
+            for (x, y) in [(0, 0), (WIDTH, 0), (0, LINES), (WIDTH, LINES)] {
+                let found = at_px(alignment.learned().row(y as u32), x);
+                let expected = true_px(x, y);
+                assert!(
+                    (found - expected).abs() < 0.12,
+                    "{found} for {expected} at {x}, {y} of {shift}, {tilt}, {stretch}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_frame_without_matches_or_offsets_teaches_nothing() {
+        let begun = LineOffsets {
+            shift_q24: 1 << 23,
+            tilt_q24: -2_000,
+            stretch_q24: 3_000,
+        };
+        let mut alignment = Alignment::new(WIDTH, 2, 5, begun);
+        alignment.end_frame();
+        assert_eq!(alignment.learned(), begun);
+        // Where everything is in its place, or where less is wrong than noise may make.
+        show(
+            &mut alignment,
+            |x, y| at_px(begun.row(y as u32), x),
+            0.0,
+            150,
+            |_| (),
+        );
+        alignment.end_frame();
+        assert_eq!(alignment.learned(), begun);
+        show(
+            &mut alignment,
+            |x, y| 0.05 + at_px(begun.row(y as u32), x),
+            0.0,
+            150,
+            |_| (),
+        );
+        alignment.end_frame();
+        assert_eq!(alignment.learned(), begun);
     }
 }
