@@ -201,7 +201,7 @@ impl<'m, K: Kernels> Matcher<'m, K> {
         })
     }
 
-    /// The configuration that the matcher was built from, with the checks and the offsets of lines that it has now.
+    /// The configuration that the matcher was built from, with the checks that it has now.
     #[must_use]
     pub fn config(&self) -> &Config {
         &self.config
@@ -259,7 +259,6 @@ impl<'m, K: Kernels> Matcher<'m, K> {
         if let Pipeline::Sgm { rows, .. } = &mut self.pipeline {
             rows.set_line_offsets(offsets);
         }
-        self.config.line_offsets = offsets;
         self.reset();
     }
 

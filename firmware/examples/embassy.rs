@@ -121,6 +121,7 @@ async fn stereo(mut lines: Receiver<'static, Mutex, Delivery>) {
         clock: now_us,
         // The camera does not wait: what the port has no room for is left out.
         gap_us: 0,
+        keeps_line_offsets: false,
         store: NoStore,
         memory: LINK.take(),
     };

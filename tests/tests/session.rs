@@ -1002,6 +1002,7 @@ fn board_setup<'m>(port: &'m mut Port, memory: &'m mut [u32]) -> Setup<'m, &'m m
         is_started: true,
         clock: || NOW_US.get(),
         gap_us: 0,
+        keeps_line_offsets: true,
         store: NoStore,
         memory,
     }
@@ -1070,5 +1071,5 @@ fn the_host_is_told_of_offsets_of_lines() {
     let mut board = Live::new(camera, None, matcher, &mut lines, NoWatchdog, setup).unwrap();
     let _ = board.serve();
     let (matcher, ..) = board.into_parts();
-    assert_eq!(matcher.config().line_offsets, LineOffsets::NONE);
+    assert_eq!(matcher.line_offsets(), LineOffsets::NONE);
 }

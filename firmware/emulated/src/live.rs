@@ -178,6 +178,7 @@ fn session<'m, 'r, 's, U: Uart, K: Kernels>(
         clock: now_us,
         // The port has its own patience.
         gap_us: 0,
+        keeps_line_offsets: false,
         store,
         memory: parts.memory,
     };

@@ -90,6 +90,9 @@ pub struct Setup<'m, P, T = NoStore> {
     /// of disparities at once. Less than the camera's gap between frames, or 0 to never wait; where
     /// frames begin when they are asked for, any time.
     pub gap_us: u64,
+    /// Whether each frame begins with the offsets of lines that the last whole one taught, of which the host is then
+    /// told in the log: see [`Session::keep_line_offsets`].
+    pub keeps_line_offsets: bool,
     /// Where a calibration from the host is kept.
     pub store: T,
     /// Memory of [`memory_words`].
@@ -126,8 +129,7 @@ impl TestPatternSource for Pushed {
     }
 }
 
-/// A session that sends what the host has selected, and carries out its commands between frames. Each frame begins
-/// with the offsets of lines that the last whole one taught; the host is told in a line of the log when they change.
+/// A session that sends what the host has selected, and carries out its commands between frames.
 #[derive(Debug)]
 pub struct Live<'m, C, K, P, W, T = NoStore> {
     session: Served<'m, C, K, P, W>,
@@ -135,8 +137,8 @@ pub struct Live<'m, C, K, P, W, T = NoStore> {
     upload: Upload<T>,
     /// A command that waits for the end of the frame, and its number.
     deferred: Option<(u32, HostMessage<'static>)>,
-    /// The offsets of lines that the host was told last.
-    told: LineOffsets,
+    /// The offsets of lines that the host was told last; `None` if it is not told of any.
+    told: Option<LineOffsets>,
 }
 
 impl<'m, C, K, P, W, T> Live<'m, OrTestPattern<C>, K, P, W, T>
@@ -162,9 +164,10 @@ where
     ) -> Result<Self, SessionError> {
         let geometry = camera.geometry();
         let camera = OrTestPattern::new(camera, setup.clock);
+        let keeps = setup.keeps_line_offsets;
         let parts = parts(&geometry, rectifier.as_deref(), &matcher, setup)?;
         let session = Session::rectifying(camera, rectifier, matcher, parts.sink, lines, watchdog)?;
-        Ok(Self::over(session, parts.receiver, parts.upload))
+        Ok(Self::over(session, parts.receiver, parts.upload, keeps))
     }
 
     /// Reads the camera once and deals with what comes, as [`Session::step`] does, then takes commands if
@@ -194,9 +197,10 @@ where
         watchdog: W,
         setup: Setup<'m, P, T>,
     ) -> Result<Self, SessionError> {
+        let keeps = setup.keeps_line_offsets;
         let parts = parts(&geometry, rectifier.as_deref(), &matcher, setup)?;
         let session = Session::pushed(geometry, rectifier, matcher, parts.sink, watchdog)?;
-        Ok(Self::over(session, parts.receiver, parts.upload))
+        Ok(Self::over(session, parts.receiver, parts.upload, keeps))
     }
 }
 
@@ -212,9 +216,10 @@ where
         mut session: Served<'m, C, K, P, W>,
         receiver: Receiver<'m>,
         upload: Upload<T>,
+        keeps_line_offsets: bool,
     ) -> Self {
-        session.keep_line_offsets(true);
-        let told = session.matcher().line_offsets();
+        session.keep_line_offsets(keeps_line_offsets);
+        let told = keeps_line_offsets.then_some(session.matcher().line_offsets());
         Self {
             session,
             receiver,
@@ -274,14 +279,14 @@ where
         let sender = &mut self.session.sink_mut().sender;
         sender.session = counters;
         match event {
-            Event::FrameDone { .. } if shown != self.told => {
+            Event::FrameDone { .. } if self.told.is_some_and(|told| told != shown) => {
                 let told = Told {
                     offsets: shown,
                     lines: sender.hello.matched.height_lines,
                     reference,
                 };
                 if sender.report(Some(&told)) {
-                    self.told = shown;
+                    self.told = Some(shown);
                 }
             }
             Event::FrameDone { .. } => _ = sender.report(None),
@@ -432,8 +437,12 @@ fn show<C: TestPatternSource, K: Kernels, P: LinkPort, W: Watchdog>(
         return Outcome::Unsupported;
     }
     if session.sink().sender.state.source != source {
-        // Of the other source's views nothing is known.
-        session.set_line_offsets(LineOffsets::NONE);
+        // What was learned is of the other source's views.
+        session.set_line_offsets(if is_pattern {
+            LineOffsets::NONE
+        } else {
+            session.matcher().config().line_offsets
+        });
     }
     change(session, |state| state.source = source)
 }

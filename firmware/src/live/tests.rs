@@ -210,6 +210,7 @@ fn setup<'m, T>(
         is_started: true,
         clock,
         gap_us,
+        keeps_line_offsets: false,
         store,
         memory,
     }

@@ -240,6 +240,7 @@ fn serve(
         is_started: false,
         clock,
         gap_us: 0,
+        keeps_line_offsets: false,
         store: &mut store,
         memory: &mut packets,
     };

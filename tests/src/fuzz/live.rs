@@ -96,6 +96,7 @@ pub fn run(bytes: &[u8]) {
         is_started: true,
         clock: now_us,
         gap_us: 10_000,
+        keeps_line_offsets: true,
         store: RamStore::new(&mut store, usize::MAX),
         memory: &mut link,
     };

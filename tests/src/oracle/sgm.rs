@@ -320,8 +320,8 @@ struct Alignment {
     width: i32,
     shift: i64,
     tilt: i64,
-    /// Rows that taught the frame, in runs that were moved by the same offset and are not too long.
-    taught: Vec<Vec<TaughtRow>>,
+    /// Rows that taught the frame.
+    taught: Vec<TaughtRow>,
     /// Number of rows still to be left out, because lines around them were moved by another offset.
     settling: i32,
     /// Sums of g g, g g x, g g x x, g d and g d x, with the gradient g and the difference d.
@@ -336,7 +336,7 @@ impl Alignment {
             width,
             shift: 0,
             tilt: 0,
-            taught: vec![Vec::new()],
+            taught: Vec::new(),
             settling: 0,
             sums: [0; 5],
         }
@@ -362,8 +362,7 @@ impl Alignment {
     /// The plane of offsets that the frame showed.
     fn learned(&self) -> LineOffsets {
         const LINE: f64 = 16_777_216.0;
-        let runs = self.taught.iter().filter(|run| !run.is_empty());
-        let Some(last) = runs.clone().next_back().and_then(|run| run.last()) else {
+        let Some(last) = self.taught.last() else {
             return self.begun;
         };
         let lines = last.line + 1;
@@ -383,14 +382,10 @@ impl Alignment {
             }
         };
         let (mut weights, mut heights) = (0.0, 0.0);
-        for run in runs {
-            // As one row, in their middle.
-            let middle = run[run.len() - 1 - run.len() / 2].line;
-            let [n, x, xx, p, px] = [0, 1, 2, 3, 4]
-                .map(|term| run.iter().map(|row| row.sums[term]).sum::<i64>() as f64);
-            let at_middle = run.iter().find(|row| row.line == middle).unwrap();
-            let [shift, tilt] = at_middle.moved.map(|q24| q24 as f64 / LINE);
-            let y = f64::from(middle);
+        for row in &self.taught {
+            let [n, x, xx, p, px] = row.sums.map(|sum| sum as f64);
+            let [shift, tilt] = row.moved.map(|q24| q24 as f64 / LINE);
+            let y = f64::from(row.line);
             let shown = [
                 2.0 * p + shift * n + tilt * x,
                 2.0 * px + shift * x + tilt * xx,
@@ -413,7 +408,7 @@ impl Alignment {
             quarter_y
         };
         for [side_x, side_y] in [[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]] {
-            let (weight, x, y) = (15_000.0, side_x * quarter_x, middle + side_y * quarter_y);
+            let (weight, x, y) = (62_500.0, side_x * quarter_x, middle + side_y * quarter_y);
             let offset = weight * (shift + tilt * x + stretch * y);
             add(
                 weight,
@@ -512,15 +507,11 @@ impl Alignment {
                 *sum += term;
             }
         }
-        let run = self.taught.last_mut().unwrap();
-        run.push(TaughtRow {
+        self.taught.push(TaughtRow {
             line: y,
             moved,
             sums: row,
         });
-        if run.len() == 9 {
-            self.taught.push(Vec::new());
-        }
         for (sum, row) in self.sums.iter_mut().zip(row) {
             *sum += row - sum.div_euclid(8);
         }
@@ -545,7 +536,6 @@ impl Alignment {
         self.tilt = (self.tilt + tilt).clamp(-tilt_max, tilt_max);
         self.settling = i32::from(support_y) + i32::from(self.lines_max) + 1;
         self.sums = [0; 5];
-        self.taught.push(Vec::new());
     }
 
     /// The offset of a pixel of line `y` of the other view, 1/16 of a line: that of the middle of its block of eight.

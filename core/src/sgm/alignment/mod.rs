@@ -90,7 +90,6 @@ impl Alignment {
         if self.frame.lines() == 0 {
             return;
         }
-        self.fold();
         let fit = self.frame.fit(self.begun, self.width);
         let width = self.width.min(u16::MAX.into()) as u16;
         let change = fit.less(self.begun).largest_q24(width, self.frame.lines());
@@ -134,20 +133,11 @@ impl Alignment {
         }
         let offsets = self.offsets(line);
         let row = Sums::of(matches, rows, conversion, offsets, self.shift_max_q24);
-        if self.frame.add(line, &row) {
-            self.fold();
-        }
-        self.sums.add_fading(&row);
+        self.frame.add(line, &row, offsets);
+        self.sums.add(&row);
         if self.sums.squares >= EVIDENCE_MIN {
             self.conclude();
         }
-    }
-
-    /// Adds the newest rows to the fit of the frame, before the deviation by which they were moved changes.
-    #[inline(never)]
-    fn fold(&mut self) {
-        let offsets = self.offsets(self.frame.middle_line());
-        self.frame.fold(offsets);
     }
 
     /// Changes the offsets if the sums show a clear deviation. Apart, for its floating point is software, and
@@ -164,7 +154,6 @@ impl Alignment {
         if largest < CHANGE_MIN_Q24 {
             return;
         }
-        self.fold();
         self.deviation = self.bounded(self.deviation, change);
         self.settling_lines = self.settling_lines_max;
         self.sums = Sums::default();

@@ -96,17 +96,8 @@ impl Sums {
         }
     }
 
-    /// Adds the sums of a row to those of the rows above.
-    pub(super) fn add(&mut self, row: &Self) {
-        self.zip(row, |sum, row| sum + row);
-    }
-
     /// Adds the sums of a row to those of the rows above, which fade.
-    pub(super) fn add_fading(&mut self, row: &Self) {
-        self.zip(row, |sum, row| sum - (sum >> FADING_SHIFT) + row);
-    }
-
-    fn zip(&mut self, row: &Self, add: impl Fn(i64, i64) -> i64) {
+    pub(super) fn add(&mut self, row: &Self) {
         for (sum, row) in [
             (&mut self.squares, row.squares),
             (&mut self.squares_x, row.squares_x),
@@ -114,7 +105,7 @@ impl Sums {
             (&mut self.products, row.products),
             (&mut self.products_x, row.products_x),
         ] {
-            *sum = add(*sum, row);
+            *sum += row - (*sum >> FADING_SHIFT);
         }
     }
 }

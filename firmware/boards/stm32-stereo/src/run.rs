@@ -63,6 +63,7 @@ pub fn run<C: LinePairSource, K: Kernels, T: CalibrationStore>(
         clock: now_us,
         // A frame begins when it is asked for.
         gap_us: rig.frame_us().into(),
+        keeps_line_offsets: true,
         store: link.store,
         memory: link.memory,
     };
