@@ -12,6 +12,8 @@ extern crate std;
 
 use core::ffi::CStr;
 
+#[cfg(any(test, target_os = "none"))]
+mod memory;
 pub mod meter;
 pub mod report;
 pub mod request;

@@ -18,6 +18,7 @@ use vgstereo_firmware::{Event, Session, Statistics};
 
 use crate::camera::{self, FileCamera};
 use crate::live;
+use crate::memory;
 use crate::meter::{Counter, Meter, Metered, Stage};
 use crate::report::Report;
 use crate::request::Request;
@@ -125,6 +126,9 @@ impl Memories {
 /// Not inlined, so that what is only there before frames are matched does not take stack then.
 #[inline(never)]
 fn serve<C: Counter, U: Uart, K: Kernels>(board: Board<C, U, K>) -> Result<Report, Refusal> {
+    if !memory::is_moved_rightly(board.memory) {
+        return Err(Refusal("the functions that copy and fill memory are wrong"));
+    }
     let request = read_request().ok_or(Refusal("the command line is not a request"))?;
     let memories = Memories::new(&request, board.memory)?;
     let meter = Meter::new(board.counter);

@@ -12,6 +12,9 @@ mod convert;
 mod cost;
 mod mask;
 mod median9;
+#[cfg(all(dsp_extension, feature = "memory-functions"))]
+#[allow(unsafe_code)]
+mod memory;
 mod pack;
 mod penalty;
 mod resample;

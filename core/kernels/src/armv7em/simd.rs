@@ -1,7 +1,7 @@
 //! Operations on the four bytes or two halfwords of a register.
 //!
-//! Lane 0 is the lowest, which is the first in memory. This is the set's only module with `unsafe`
-//! code. Each use is an instruction that reads and writes only registers and flags, or loads words of a
+//! Lane 0 is the lowest, which is the first in memory. Of the kernels, this is the only module with
+//! `unsafe` code. Each use is an instruction that reads and writes only registers and flags, or loads words of a
 //! reference, or it is empty assembly that holds back the optimiser.
 
 /// Defines a function that is one instruction of two operands, or plain code on other targets.
