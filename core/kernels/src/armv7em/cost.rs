@@ -14,6 +14,7 @@ use vgstereo_core::kernel::{
 use super::simd::{
     add_even_bytes, add_odd_bytes, afresh, even_bytes, halve_difference_u8x4, in_order, load,
     load_six, min_u8x4, odd_bytes, opaque, splat_u8, splat_u16, store, sub_saturating_u8x4,
+    subtract_product,
 };
 
 /// Largest number of disparities, rounded up to a multiple of 16.
@@ -263,7 +264,8 @@ fn cost_block<const BYTES: usize, const TERMS: usize, const POSITIONS: usize, co
     // which is kept in memory.
     let at = BLOCK * block;
     let own = afresh(pixel);
-    let count = |at| count_quad::<BYTES, TERMS, POSITIONS, TILE>(own, tile, at);
+    let constants = Constants::new();
+    let count = |at| count_quad::<BYTES, TERMS, POSITIONS, TILE>(constants, own, tile, at);
     let counts = [count(at), count(at + 4), count(at + 8), count(at + 12)];
     let weights = Weights::load(&pixel.weights);
     let [a, b, c, d] = costs.as_chunks_mut().0 else {
@@ -290,6 +292,7 @@ fn cost_block<const BYTES: usize, const TERMS: usize, const POSITIONS: usize, co
 /// Counts the differing cells of four disparities, of which the rows' bytes stand at `at`.
 #[inline(always)]
 fn count_quad<const BYTES: usize, const TERMS: usize, const POSITIONS: usize, const TILE: usize>(
+    constants: Constants,
     pixel: &Pixel<BYTES, TERMS>,
     tile: &[u8; TILE],
     at: usize,
@@ -312,7 +315,7 @@ fn count_quad<const BYTES: usize, const TERMS: usize, const POSITIONS: usize, co
             [0, 1, 2].map(|next| pixel.differing(first + next, other(first + next)))
         }
     };
-    in_order(count::<BYTES>(three, |byte| {
+    in_order(count::<BYTES>(constants, three, |byte| {
         pixel.differing(byte, other(byte))
     }))
 }
@@ -462,33 +465,73 @@ impl Weights {
     }
 }
 
+/// Constants that are kept in registers, because as parts of instructions they take one more.
+#[derive(Clone, Copy)]
+struct Constants {
+    /// The lower two bits of each nibble.
+    low_pairs: u32,
+    three: u32,
+}
+
+impl Constants {
+    fn new() -> Self {
+        Self {
+            low_pairs: opaque(0x3333_3333),
+            three: opaque(3),
+        }
+    }
+
+    /// The upper two bits of each nibble, as a number.
+    #[inline(always)]
+    fn upper(self, pairs: u32) -> u32 {
+        pairs >> 2 & self.low_pairs
+    }
+
+    /// Adds both pairs of bits of each nibble, over two words. Sums of two pairs need not fit two bits, those
+    /// of a nibble fit four.
+    #[inline(always)]
+    fn nibbles_of_two(self, a: u32, b: u32) -> u32 {
+        let upper = self.upper(a) + self.upper(b);
+        // Each nibble is its lower pair and four times its upper one.
+        subtract_product(opaque(a.wrapping_add(b)), upper, self.three)
+    }
+
+    /// Adds both pairs of bits of each nibble.
+    #[inline(always)]
+    fn nibbles(self, pairs: u32) -> u32 {
+        subtract_product(pairs, self.upper(pairs), self.three)
+    }
+}
+
 /// Counts the bits of each byte over `BYTES` words.
 #[inline(always)]
 fn count<const BYTES: usize>(
+    constants: Constants,
     three: impl Fn(usize) -> [u32; 3],
     word: impl Fn(usize) -> u32,
 ) -> u32 {
     match BYTES {
         4 => {
-            let (ones, twos) = add(three(0));
-            // The two nibbles of a byte add up to at most 8, which fits a nibble.
-            let twos = nibbles(twos);
-            let twos = (twos + (twos >> 4)) & 0x0f0f_0f0f;
-            bytes_of(nibbles(ones) + nibbles(word(3))) + 2 * twos
+            let [a, b] = pairs_of_three(three(0));
+            // At most 3 times 4, and 4.
+            let nibbles = constants.nibbles_of_two(a, b);
+            let last = constants.nibbles(pairs(word(3)));
+            bytes_of(nibbles) + opaque((last + (last >> 4)) & 0x0f0f_0f0f)
         }
         6 => {
-            let (ones_a, twos_a) = add(three(0));
-            let (ones_b, twos_b) = add(three(3));
-            bytes_of(nibbles(ones_a) + nibbles(ones_b))
-                + 2 * bytes_of(nibbles(twos_a) + nibbles(twos_b))
+            let [a, b] = pairs_of_three(three(0));
+            let first = bytes_of(constants.nibbles_of_two(a, b));
+            let [a, b] = pairs_of_three(three(3));
+            first + bytes_of(constants.nibbles_of_two(a, b))
         }
         PART => {
             let (ones_a, twos_a) = add(three(0));
             let (ones_b, twos_b) = add(three(3));
             let (ones, twos_c) = add([ones_a, ones_b, word(6)]);
             let (twos, fours) = add([twos_a, twos_b, twos_c]);
-            bytes_of(nibbles(ones) + nibbles(word(7)))
-                + 2 * bytes_of(nibbles(twos) + 2 * nibbles(fours))
+            let twos = constants.nibbles(pairs(twos)) + 2 * constants.nibbles(pairs(fours));
+            let ones = constants.nibbles_of_two(pairs(ones), pairs(word(7)));
+            bytes_of(ones) + 2 * bytes_of(twos)
         }
         _ => 0,
     }
@@ -500,12 +543,20 @@ fn add([a, b, c]: [u32; 3]) -> (u32, u32) {
     (in_order(a ^ b ^ c), in_order(a & b | (a ^ b) & c))
 }
 
-/// Counts the bits of each nibble.
+/// Counts the bits of each pair of bits.
 #[inline(always)]
-fn nibbles(word: u32) -> u32 {
-    // Masked before shifting, because the addition can shift its operand at no cost.
-    let pairs = word - (opaque(word & 0xaaaa_aaaa) >> 1);
-    (pairs & 0x3333_3333) + (opaque(pairs & 0xcccc_cccc) >> 2)
+fn pairs(word: u32) -> u32 {
+    // Masked before shifting, because the subtraction can shift its operand at no cost.
+    word - (opaque(word & 0xaaaa_aaaa) >> 1)
+}
+
+/// Counts the bits of each pair of bits over three words, in two words: those of the last are in either.
+#[inline(always)]
+fn pairs_of_three([a, b, c]: [u32; 3]) -> [u32; 2] {
+    [
+        pairs(a) + (c & 0x5555_5555),
+        pairs(b) + (opaque(c & 0xaaaa_aaaa) >> 1),
+    ]
 }
 
 /// Adds the two nibbles of each byte.

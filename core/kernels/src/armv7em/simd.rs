@@ -98,6 +98,29 @@ pub(super) fn add_products_i16x2(a: u32, b: u32, sum: u32) -> u32 {
     }
 }
 
+/// Returns `sum - a * b`, modulo 2^32.
+#[inline(always)]
+#[must_use]
+pub(super) fn subtract_product(sum: u32, a: u32, b: u32) -> u32 {
+    #[cfg(dsp_extension)]
+    {
+        let result;
+        // SAFETY: the instruction works on registers alone.
+        unsafe {
+            core::arch::asm!(
+                "mls {}, {}, {}, {}",
+                lateout(reg) result, in(reg) a, in(reg) b, in(reg) sum,
+                options(pure, nomem, nostack, preserves_flags),
+            );
+        }
+        result
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        sum.wrapping_sub(a.wrapping_mul(b))
+    }
+}
+
 /// Adds bytes 1 and 3 of `b` to halfwords `a`.
 #[inline(always)]
 #[must_use]
