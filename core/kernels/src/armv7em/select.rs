@@ -11,8 +11,8 @@ use vgstereo_core::kernel::{self, AggregateRow};
 
 use super::aggregate::MAX_STRIDE;
 use super::simd::{
-    add_even_bytes, add_odd_bytes, even_bytes, in_order, load, meet_all, min_u16x2, odd_bytes,
-    opaque, splat_u16, store, unrolled,
+    add_even_bytes, add_odd_bytes, afresh, even_bytes, in_order, meet_all, min_u16x2, odd_bytes,
+    opaque, splat_u16, store,
 };
 
 /// Bits of the index, which is below the sum in a key. A sum is at most 3 * 255.
@@ -22,8 +22,8 @@ const INDEX_MASK: u32 = (1 << INDEX_BITS) - 1;
 /// Smallest number of disparities: of as many, there is always a second best.
 const DISPARITIES_MIN: usize = 4;
 
-/// Least key of each pair of disparities, with a guard word at either end.
-type Minima = [u32; MAX_STRIDE / 4 + 2];
+/// Least key of each pair of disparities, with a guard at either end.
+type Minima = [Pair; MAX_STRIDE / 8 + 2];
 
 /// Equals [`kernel::select_row`] bit for bit.
 pub(super) fn select_row(row: &mut AggregateRow<'_>) {
@@ -32,10 +32,10 @@ pub(super) fn select_row(row: &mut AggregateRow<'_>) {
     let is_whole = (DISPARITIES_MIN..=row.stride).contains(&row.disparities)
         && row.other_best.len() + 1 >= slots;
     let selected = match row.stride {
-        16 if is_whole => select_pixels::<4>(row),
-        32 if is_whole => select_pixels::<8>(row),
-        48 if is_whole => select_pixels::<12>(row),
-        MAX_STRIDE if is_whole => select_pixels::<16>(row),
+        16 if is_whole => select_pixels::<2>(row),
+        32 if is_whole => select_pixels::<4>(row),
+        48 if is_whole => select_pixels::<6>(row),
+        MAX_STRIDE if is_whole => select_pixels::<8>(row),
         _ => None,
     };
     if selected.is_none() {
@@ -43,14 +43,18 @@ pub(super) fn select_row(row: &mut AggregateRow<'_>) {
     }
 }
 
-/// Selects from the sums of path costs of `4 * QUADS` disparities; returns `None` if the rows are
+/// Selects from the sums of path costs of `8 * PAIRS` disparities; returns `None` if the rows are
 /// not aligned to words.
 #[inline(never)]
-fn select_pixels<const QUADS: usize>(row: &mut AggregateRow<'_>) -> Option<()> {
-    let paths = pixels::<QUADS>(row.costs)?
-        .iter()
-        .zip(pixels(row.from_right)?)
-        .zip(pixels(row.from_above)?);
+fn select_pixels<const PAIRS: usize>(row: &mut AggregateRow<'_>) -> Option<()> {
+    let paths = [&*row.costs, &*row.from_right, &*row.from_above];
+    let [Some(from_left), Some(from_right), Some(from_above)] = paths.map(pixels::<PAIRS>) else {
+        return None;
+    };
+    let paths = from_left
+        .chunks(Others::MOVES)
+        .zip(from_right.chunks(Others::MOVES))
+        .zip(from_above.chunks(Others::MOVES));
     let disparities = row.disparities;
     let subpixel = Subpixel {
         relief: row.subpixel.relief.into(),
@@ -64,28 +68,38 @@ fn select_pixels<const QUADS: usize>(row: &mut AggregateRow<'_>) -> Option<()> {
     let (open, done) = inside.split_at_mut(open);
     let mut window = [0; _];
     let mut others = Others::new(&mut window);
-    let mut minima = [u32::MAX; _];
-    let outputs = row.best.iter_mut().zip(&mut *row.refined_index_q4);
-    let outputs = outputs.zip(&mut *row.margins).zip(done.iter_mut().rev());
-    for (((from_left, from_right), from_above), (((best, refined_index_q4), margin), done)) in
+    let mut minima = [[u32::MAX; 2]; _];
+    let outputs = row.best.chunks_mut(Others::MOVES);
+    let outputs = outputs.zip(row.refined_index_q4.chunks_mut(Others::MOVES));
+    let outputs = outputs.zip(row.margins.chunks_mut(Others::MOVES));
+    let outputs = outputs.zip(done.rchunks_mut(Others::MOVES));
+    for (((from_left, from_right), from_above), (((best, refined_index_q4), margins), done)) in
         paths.zip(outputs)
     {
-        let paths = [from_left, from_right, from_above];
-        let key = in_order(others.meet(paths, &mut minima));
-        // No later pixel reaches the position of this pixel's highest disparity.
-        *done = others.best(open.len());
-        let selected = select(key, paths, &mut minima, disparities, &subpixel);
-        *best = selected.index;
-        *refined_index_q4 = selected.refined_index_q4;
-        *margin = selected.margin;
+        others.rewind();
+        let paths = from_left.iter().zip(from_right).zip(from_above);
+        let outputs = best.iter_mut().zip(refined_index_q4).zip(margins);
+        for (((from_left, from_right), from_above), ((best, refined_index_q4), margin)) in
+            paths.zip(outputs)
+        {
+            let paths = [from_left, from_right, from_above].map(afresh);
+            let key = in_order(others.meet(paths, &mut minima));
+            let selected = select(key, paths, &mut minima, disparities, &subpixel);
+            *best = selected.index;
+            *refined_index_q4 = selected.refined_index_q4;
+            *margin = selected.margin;
+        }
+        // No later pixel reaches the position of a pixel's highest disparity.
+        others.write(open.len(), done);
     }
-    for (position, other) in open.iter_mut().enumerate() {
-        *other = others.best(position);
-    }
+    others.write(0, open);
     Some(())
 }
 
-fn pixels<const QUADS: usize>(row: &[u8]) -> Option<&[[u32; QUADS]]> {
+/// Path costs of eight disparities.
+type Pair = [u32; 2];
+
+fn pixels<const PAIRS: usize>(row: &[u8]) -> Option<&[[Pair; PAIRS]]> {
     Some(try_cast_slice(row).ok()?.as_chunks().0)
 }
 
@@ -109,80 +123,129 @@ struct Others<'a> {
 }
 
 impl<'a> Others<'a> {
-    /// Returns the state before the first pixel, one position above it.
+    /// Number of pixels after which the window is at its end, and must be rewound.
+    const MOVES: usize = PLANE - MAX_STRIDE;
+
+    /// Returns the state before the first pixel, one position above it, and at the end of the window.
     fn new(keys: &'a mut Window) -> Self {
         *keys = [u8::MAX; _];
         Self {
             keys,
-            even: 2 * PLANE - MAX_STRIDE,
-            odd: PLANE - MAX_STRIDE + 2,
+            even: PLANE,
+            odd: 2,
         }
+    }
+
+    /// Moves the open positions from the end of the window to its beginning.
+    #[inline(never)]
+    fn rewind(&mut self) {
+        for plane in self.keys.as_chunks_mut::<PLANE>().0 {
+            let (low, high) = plane.split_at_mut(MAX_STRIDE);
+            high.copy_from_slice(low);
+            low.fill(u8::MAX);
+        }
+        self.even = (self.even + MAX_STRIDE) % (2 * PLANE);
+        self.odd = (self.odd + MAX_STRIDE) % (2 * PLANE);
     }
 
     /// Adds the path costs of the next pixel. Returns its least key, and writes the least key of
     /// each pair of neighbouring disparities to `minima`.
     #[inline(always)]
-    fn meet<const QUADS: usize>(&mut self, paths: [&[u32; QUADS]; 3], minima: &mut Minima) -> u32 {
-        if self.odd.is_multiple_of(PLANE) {
-            rewind(self.keys);
-            self.even += MAX_STRIDE;
-            self.odd += MAX_STRIDE;
-        }
+    fn meet<const PAIRS: usize>(&mut self, paths: [&[Pair; PAIRS]; 3], minima: &mut Minima) -> u32 {
         // A position at an even disparity of one pixel is at the next higher, odd, disparity of the
         // next.
-        (self.even, self.odd) = ((self.odd - 2) % (2 * PLANE), self.even % (2 * PLANE));
+        (self.even, self.odd) = (
+            (self.odd.wrapping_sub(2)) % (2 * PLANE),
+            self.even % (2 * PLANE),
+        );
         let mut best = None;
-        unrolled::<QUADS>(|index| {
-            let least = self.meet_quad(index, paths.map(|path| path[index]));
-            best = Some(in_order(best.map_or(least, |best| min_u16x2(best, least))));
-            minima[index + 1] = least;
-        });
+        // Not a closure, which the compiler would not inline so often.
+        macro_rules! meet_pairs {
+            ($($index:literal)+) => {
+                $(if let Some(minima) = minima.get_mut($index + 1).filter(|_| $index < PAIRS) {
+                    *minima = self.meet_pair($index, paths.map(|path| &path[$index % PAIRS]));
+                    best = Some(in_order(match best {
+                        None => min_u16x2(minima[0], minima[1]),
+                        Some(best) => min_u16x2(min_u16x2(best, minima[0]), minima[1]),
+                    }));
+                })+
+            };
+        }
+        meet_pairs!(0 1 2 3 4 5 6 7);
         let best = best.unwrap_or(u32::MAX);
         min_u16x2(best, best >> 16) & 0xffff
     }
 
-    /// Adds four of the pixel's disparities; returns the lesser key of each pair.
+    /// Adds eight of the pixel's disparities; returns the lesser key of each pair.
     #[inline(always)]
-    fn meet_quad(&mut self, quad: usize, [left, right, above]: [u32; 3]) -> u32 {
-        // Indices of disparities 0 and 2 of the four.
-        let indices = splat_u16(4 * quad as u16) + (2 << 16);
-        let sums = add_even_bytes(add_even_bytes(even_bytes(left), right), above);
-        let keys_even = opaque((sums << INDEX_BITS) + indices);
-        let sums = add_odd_bytes(add_odd_bytes(odd_bytes(left), right), above);
-        let keys_odd = opaque((sums << INDEX_BITS) + (indices + splat_u16(1)));
-        for (start, keys) in [(self.even, keys_even), (self.odd, keys_odd)] {
-            let others = self.keys.get_mut(start + 4 * quad..);
+    fn meet_pair(&mut self, pair: usize, [left, right, above]: [&Pair; 3]) -> Pair {
+        // One path after the other, because there are too few registers for all.
+        let [low, high] = left.map(in_order);
+        let mut sums = [
+            even_bytes(low),
+            even_bytes(high),
+            odd_bytes(low),
+            odd_bytes(high),
+        ]
+        .map(in_order);
+        for path in [right, above] {
+            let [low, high] = path.map(in_order);
+            sums = [
+                in_order(add_even_bytes(sums[0], low)),
+                in_order(add_even_bytes(sums[1], high)),
+                in_order(add_odd_bytes(sums[2], low)),
+                in_order(add_odd_bytes(sums[3], high)),
+            ];
+        }
+        // Indices of disparities 0 and 2 of the eight.
+        let indices = splat_u16(8 * pair as u16) + (2 << 16);
+        let key =
+            |sums: u32, index: u16| opaque((sums << INDEX_BITS) + (indices + splat_u16(index)));
+        let keys = [
+            key(sums[0], 0),
+            key(sums[1], 4),
+            key(sums[2], 1),
+            key(sums[3], 5),
+        ];
+        let starts = [self.even, self.even + 4, self.odd, self.odd + 4];
+        for (start, keys) in starts.into_iter().zip(keys) {
+            let others = self.keys.get_mut(start + 8 * pair..);
             if let Some(others) = others.and_then(<[u8]>::first_chunk_mut) {
-                store(in_order(min_u16x2(load(others), keys)), others);
+                store(in_order(min_u16x2(super::simd::load(others), keys)), others);
             }
         }
-        min_u16x2(keys_even, keys_odd)
+        [min_u16x2(keys[0], keys[2]), min_u16x2(keys[1], keys[3])]
     }
 
-    /// Best match of the position that the pixel reaches at `disparity`, as `sum << 16 | index`.
-    #[inline(always)]
-    fn best(&self, disparity: usize) -> u32 {
+    /// Place of the key of the position that the pixel reaches at `disparity`.
+    fn place(&self, disparity: usize) -> usize {
         let start = if disparity.is_multiple_of(2) {
             self.even
         } else {
             self.odd
         };
-        // The remainder changes nothing; it spares a bounds check.
-        let key = self.keys.get(start + disparity / 2 * 2 % MAX_STRIDE..);
-        let key = key.and_then(<[u8]>::first_chunk);
+        start + disparity / 2 * 2
+    }
+
+    /// Writes the best matches of the positions that the pixel reaches from `disparity` on, as
+    /// [`AggregateRow::other_best`].
+    fn write(&self, disparity: usize, best: &mut [u32]) {
+        let places = [self.place(disparity), self.place(disparity + 1)];
+        let (pairs, rest) = best.as_chunks_mut();
+        for ([a, b], step) in pairs.iter_mut().zip((0..).step_by(2)) {
+            [*a, *b] = places.map(|place| self.best(place + step));
+        }
+        for other in rest {
+            *other = self.best(places[0] + 2 * pairs.len());
+        }
+    }
+
+    /// Best match whose key is at `place`, as `sum << 16 | index`.
+    #[inline(always)]
+    fn best(&self, place: usize) -> u32 {
+        let key = self.keys.get(place..).and_then(<[u8]>::first_chunk);
         let key = key.map_or(0, |key| u32::from(u16::from_le_bytes(*key)));
         opaque(key >> INDEX_BITS) << 16 | key & INDEX_MASK
-    }
-}
-
-/// Moves the open positions of the window of [`Others`] to its end.
-#[cold]
-#[inline(never)]
-fn rewind(keys: &mut [u8]) {
-    for plane in keys.as_chunks_mut::<PLANE>().0 {
-        let (low, high) = plane.split_at_mut(MAX_STRIDE);
-        high.copy_from_slice(low);
-        low.fill(u8::MAX);
     }
 }
 
@@ -196,9 +259,9 @@ struct Selected {
 /// Returns the best disparity, refined by the sums of its neighbours, and its margin over
 /// the second best.
 #[inline(always)]
-fn select<const QUADS: usize>(
+fn select<const PAIRS: usize>(
     key: u32,
-    paths: [&[u32; QUADS]; 3],
+    paths: [&[Pair; PAIRS]; 3],
     minima: &mut Minima,
     disparities: usize,
     subpixel: &Subpixel,
@@ -217,7 +280,7 @@ fn select<const QUADS: usize>(
         }
     };
     let before = index.wrapping_sub(1);
-    let step_q4 = if before < disparities as u32 - 2 && before < 4 * QUADS as u32 - 2 {
+    let step_q4 = if before < disparities as u32 - 2 && before < 8 * PAIRS as u32 - 2 {
         let sum = sums(before, 3);
         subpixel.step_q4(sum(0) - least, sum(2) - least)
     } else {
@@ -228,14 +291,14 @@ fn select<const QUADS: usize>(
     let outer = (index + 4 * (index % 2)).wrapping_sub(2);
     let keys: &mut [u16] = must_cast_slice_mut(minima.as_mut_slice());
     for disparity in [index, outer] {
-        if let Some(key) = keys.get_mut((disparity.wrapping_add(4) / 2) as usize) {
+        if let Some(key) = keys.get_mut((disparity.wrapping_add(8) / 2) as usize) {
             *key = u16::MAX;
         }
     }
     let [_, minima @ ..] = minima;
-    let second = least_of(minima.get(..QUADS).unwrap_or_default());
+    let second = least_of(minima.get(..PAIRS).unwrap_or_default().as_flattened());
     let mut second = second >> INDEX_BITS;
-    if outer < disparities as u32 && outer < 4 * QUADS as u32 {
+    if outer < disparities as u32 && outer < 8 * PAIRS as u32 {
         second = second.min(sums(outer, 1)(0));
     }
     Selected {
