@@ -11,8 +11,8 @@ use vgstereo_core::kernel::{
 use vgstereo_kernels::NativeKernels;
 use vgstereo_kernels::cases::{
     AggregateCase, ArmsCase, Case, ChannelCase, CheckCase, ConvertCase, CostCase, LumaCase,
-    MaskCase, Median9Case, OwnPlanes, PackCase, PathsCase, PenaltyCase, RecallCase, SelectCase,
-    SmoothCase, WeightedMedianCase, fill_costs, generator, levels_below,
+    MaskCase, Median9Case, OwnPlanes, PackCase, PathsCase, PenaltyCase, RecallCase, RivalsCase,
+    SelectCase, SmoothCase, WeightedMedianCase, fill_costs, generator, levels_below,
 };
 
 const WIDTH: usize = 450;
@@ -68,6 +68,8 @@ fn levels(criterion: &mut Criterion) {
     measure(criterion, "penalty_row", "450", WIDTH, &mut case);
     let mut case = CheckCase::random(random, WIDTH);
     measure(criterion, "check_row", "450", WIDTH, &mut case);
+    let mut case = RivalsCase::random(random, WIDTH, DISPARITIES);
+    measure(criterion, "rivals_row", "450", WIDTH, &mut case);
 }
 
 /// Elements are cells.

@@ -16,8 +16,8 @@ use vgstereo_core::disparity::INVALID;
 use vgstereo_core::kernel::{
     AggregateRow, ArmsRow, CELLS_PER_BYTE, CheckRow, CostRun, Interpolation, Kernels, LANES,
     LevelConversion, MASK_LANES, MAX_CHANNELS, MAX_TAP_ROWS, MaskBlock, NO_COST, Penalty,
-    PixelFormat, Planes, ResampleRow, RowRecall, SubpixelStep, TieBreak, WeightedMedianRow,
-    arms_scratch_bytes, cost_stride, path_scratch_bytes,
+    PixelFormat, Planes, RIVAL_BLOCK_PX, ResampleRow, RivalsRow, RowRecall, SubpixelStep, TieBreak,
+    WeightedMedianRow, arms_scratch_bytes, cost_stride, path_scratch_bytes,
 };
 
 /// A task for one kernel.
@@ -416,6 +416,67 @@ impl Case for CheckCase {
 
     fn output(&self) -> (Vec<i16>, Vec<u8>) {
         (self.found.clone(), self.confidences.clone())
+    }
+}
+
+/// Task for [`Kernels::rivals_row`].
+#[derive(Debug, Clone)]
+pub struct RivalsCase {
+    pub costs: Vec<u8>,
+    pub disparities: usize,
+    pub reach_px: usize,
+    pub ratio_q4: u8,
+    pub slack: u8,
+    pub rise: u8,
+    pub sums: Vec<u32>,
+    pub rivals: Vec<u8>,
+}
+
+impl RivalsCase {
+    /// A row of `width` pixels of `disparities`, which fit two valleys of random depths everywhere or not.
+    pub fn random(random: &mut Pcg32, width: usize, disparities: usize) -> Self {
+        let stride = cost_stride(disparities);
+        let high = [255, 60][below(random, 2)];
+        let mut costs: Vec<_> = (0..width * stride)
+            .map(|_| (high - below(random, 40)) as u8)
+            .collect();
+        for _ in 0..2 {
+            let (valley, depth) = (below(random, disparities), below(random, high));
+            for costs in costs.chunks_mut(stride) {
+                costs[valley] = (high - depth) as u8;
+            }
+        }
+        Self {
+            costs,
+            disparities,
+            reach_px: below(random, 65),
+            ratio_q4: 16 + below(random, 16) as u8,
+            slack: below(random, 60) as u8,
+            rise: [0, 5, 17, 255][below(random, 4)],
+            sums: vec![7; disparities / 2 + below(random, 3)],
+            rivals: vec![7; width.div_ceil(RIVAL_BLOCK_PX)],
+        }
+    }
+}
+
+impl Case for RivalsCase {
+    type Output = Vec<u8>;
+
+    fn run(&mut self, kernels: impl Kernels) {
+        let row = RivalsRow {
+            costs: &self.costs,
+            stride: cost_stride(self.disparities),
+            disparities: self.disparities,
+            reach_px: self.reach_px,
+            ratio_q4: self.ratio_q4,
+            slack: self.slack,
+            rise: self.rise,
+        };
+        kernels.rivals_row(&row, &mut self.sums, &mut self.rivals);
+    }
+
+    fn output(&self) -> Vec<u8> {
+        self.rivals.clone()
     }
 }
 

@@ -17,6 +17,7 @@ mod check;
 mod convert;
 mod cost;
 mod hamming;
+pub(crate) mod lanes;
 mod mask;
 mod median9;
 mod nearest;
@@ -25,6 +26,7 @@ mod pack;
 mod penalty;
 mod recall;
 mod resample;
+mod rivals;
 mod select;
 mod smooth;
 mod subpixel;
@@ -48,6 +50,7 @@ pub use resample::{
     DISPLACEMENT_BITS, Interpolation, ResampleRow, cell_positions, for_each_cell, resample_cell,
     resample_row, sixteenth_shift,
 };
+pub use rivals::{RIVAL_BLOCK_PX, RIVAL_STEP_PX, RivalsRow, rivals_row};
 pub use select::select_row;
 pub use smooth::smooth_row;
 pub use subpixel::{SubpixelStep, subpixel_step_q4, subpixel_steps_q4};
@@ -112,6 +115,9 @@ pub trait Kernels: Copy {
     /// followed by [`Kernels::select_row`]; the content of scratch may differ.
     fn aggregate_row(&self, row: &mut AggregateRow<'_>);
 
+    /// Looks for rivals in a row of costs; see [`rivals_row`].
+    fn rivals_row(&self, row: &RivalsRow<'_>, sums: &mut [u32], rivals: &mut [u8]);
+
     /// Checks a row of selected disparities; see [`check_row`].
     fn check_row(&self, row: &CheckRow<'_>, found: &mut [i16], confidences: &mut [u8]);
 
@@ -143,7 +149,8 @@ macro_rules! kernel_methods {
     ($write:tt $how:tt) => {
         $crate::kernel_methods!($write $how: luma_row, channel_row, resample_row, convert_row,
             smooth_row, pack_cells, recall_row, mask_block, cost_run, penalty_row, aggregate_paths,
-            select_row, aggregate_row, check_row, arms_row, median9_row, weighted_median_row);
+            select_row, aggregate_row, rivals_row, check_row, arms_row, median9_row,
+            weighted_median_row);
     };
     (@ luma_row $($to:tt)+) => {
         $crate::kernel_methods!(@@ luma_row $($to)+,
@@ -198,6 +205,10 @@ macro_rules! kernel_methods {
         $crate::kernel_methods!(@@ aggregate_row $($to)+,
             row: &mut $crate::kernel::AggregateRow<'_>);
     };
+    (@ rivals_row $($to:tt)+) => {
+        $crate::kernel_methods!(@@ rivals_row $($to)+,
+            row: &$crate::kernel::RivalsRow<'_>, sums: &mut [u32], rivals: &mut [u8]);
+    };
     (@ check_row $($to:tt)+) => {
         $crate::kernel_methods!(@@ check_row $($to)+,
             row: &$crate::kernel::CheckRow<'_>, found: &mut [i16], confidences: &mut [u8]);
@@ -238,7 +249,7 @@ impl Kernels for Portable {
 
     kernel_methods!([call_reference] {}: luma_row, channel_row, resample_row, convert_row,
         smooth_row, pack_cells, recall_row, mask_block, cost_run, penalty_row, aggregate_paths,
-        select_row, check_row, arms_row, median9_row, weighted_median_row);
+        select_row, rivals_row, check_row, arms_row, median9_row, weighted_median_row);
 
     #[inline]
     fn aggregate_row(&self, row: &mut AggregateRow<'_>) {
@@ -266,7 +277,8 @@ impl Kernels for Portable {
 ///
 ///     vgstereo_core::forward_kernels!(set => &Portable; luma_row, channel_row, resample_row,
 ///         convert_row, smooth_row, pack_cells, recall_row, mask_block, penalty_row,
-///         aggregate_paths, select_row, aggregate_row, check_row, arms_row, weighted_median_row);
+///         aggregate_paths, select_row, aggregate_row, rivals_row, check_row, arms_row,
+///         weighted_median_row);
 ///     vgstereo_core::forward_kernels!(set => &Portable, within |body| {
 ///         set.0.set(set.0.get() + 1);
 ///         body()

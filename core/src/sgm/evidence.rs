@@ -4,9 +4,9 @@
 //! a pixel's cells are 1; where all samples are alike, on what is clipped or plain, none is. There, the
 //! other patterns that differ tell nothing of the pixel, and levels and paths are to decide.
 
-use super::lanes::{LANES, Lanes, add, in_order, lanes_of};
 use crate::config::SgmParameters;
 use crate::kernel::Planes;
+use crate::kernel::lanes::{LANES, Lanes, add, in_order, lanes_of};
 
 /// Largest number of pixels of a run.
 pub(super) const MAX_LANES: usize = 128;

@@ -18,9 +18,9 @@
 
 use core::ops::Range;
 
-use super::lanes::{LANES, Lanes, add, in_order, lanes_of};
 use crate::disparity::DisparityRange;
 use crate::kernel::LevelConversion;
+use crate::kernel::lanes::{LANES, Lanes, add, in_order, lanes_of};
 use crate::rows::NewestRows;
 
 /// Smallest number of pixels that are compared.

@@ -362,7 +362,15 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
             // The aggregation writes its other view's best anew.
             let (stride, scratch) = (self.plan.stride, &mut *self.other_best);
             let disparities = self.disparities.count.into();
-            rivals.observe(self.costs, stride, disparities, scratch, parameters);
+            let kernels = &self.kernels;
+            rivals.observe(
+                self.costs,
+                stride,
+                disparities,
+                scratch,
+                parameters,
+                kernels,
+            );
         }
         self.aggregate(line, is_first);
     }

@@ -23,7 +23,6 @@ mod check;
 mod evidence;
 mod exposure;
 mod fill;
-mod lanes;
 mod line_gain;
 mod masks;
 mod matcher;

@@ -6,19 +6,9 @@
 //! short run of pixels with rivals is chance. A longer one puts those around it in doubt as well: their
 //! windows reach beyond what repeats.
 
-use super::lanes::{LANES, Lanes, add, in_order, lanes_of, subtract};
 use crate::config::RivalParameters;
+use crate::kernel::{Kernels, RIVAL_BLOCK_PX as BLOCK_PX, RivalsRow};
 use crate::rows::{Arena, OutOfMemory, words};
-
-/// Pixels that share a window.
-const BLOCK_PX: usize = 4;
-
-/// Distance of the pixels of a window whose costs are summed up, px. Those between have nearly the same
-/// patterns.
-const SAMPLE_STEP: usize = 2;
-
-/// The highest bit of each of two sums. No sum has it: 65 costs of at most 254 are less.
-const HIGHEST: u32 = 0x8000_8000;
 
 /// Finds rivals row by row.
 #[derive(Debug)]
@@ -61,15 +51,23 @@ impl<'m> Rivals<'m> {
         disparities: usize,
         scratch: &mut [u32],
         parameters: &RivalParameters,
+        kernels: &impl Kernels,
     ) {
         if self.rows_left > 0 {
             self.rows_left -= 1;
             return;
         }
         self.rows_left = parameters.row_step.saturating_sub(1);
-        let sums = scratch.as_chunks_mut::<2>().0;
-        let sums = sums.get_mut(..disparities / LANES).unwrap_or_default();
-        self.search(costs, stride, sums, parameters);
+        let row = RivalsRow {
+            costs,
+            stride,
+            disparities,
+            reach_px: parameters.reach_px.into(),
+            ratio_q4: parameters.ratio_q4,
+            slack: parameters.slack,
+            rise: parameters.rise,
+        };
+        kernels.rivals_row(&row, scratch, self.doubts);
         self.keep_long_runs(parameters.run_min_px);
         self.spread(parameters.spread_px);
     }
@@ -80,60 +78,6 @@ impl<'m> Rivals<'m> {
             if doubt > 0 {
                 block.fill(0);
             }
-        }
-    }
-
-    /// Marks the blocks whose window has a rival. `sums` is for those of the costs over the window.
-    fn search(
-        &mut self,
-        costs: &[u8],
-        stride: usize,
-        sums: &mut [Lanes],
-        parameters: &RivalParameters,
-    ) {
-        let reach = usize::from(parameters.reach_px);
-        sums.fill([0; 2]);
-        let costs_of = |x: usize| {
-            let costs = costs.get(x * stride..(x + 1) * stride);
-            let (words, _) = costs.unwrap_or_default().as_chunks::<LANES>();
-            words
-                .iter()
-                .map(|&costs| lanes_of(u32::from_le_bytes(costs)))
-        };
-        let width = costs.len() / stride.max(1);
-        let samples =
-            |from: usize, to: usize| (from.next_multiple_of(SAMPLE_STEP)..to).step_by(SAMPLE_STEP);
-        // The columns whose samples are in the sums.
-        let mut window = 0..0;
-        for (doubt, first) in self.doubts.iter_mut().zip((0..).step_by(BLOCK_PX)) {
-            let centre = first + BLOCK_PX / 2;
-            let next = centre.saturating_sub(reach)..(centre + reach + 1).min(width);
-            let mut entering = samples(window.end, next.end);
-            let mut leaving = samples(window.start, next.start);
-            loop {
-                // What leaves has entered before.
-                match (entering.next(), leaving.next()) {
-                    (Some(entering), Some(leaving)) => {
-                        let both = costs_of(entering).zip(costs_of(leaving));
-                        for (sums, (entering, leaving)) in sums.iter_mut().zip(both) {
-                            add(sums, entering);
-                            subtract(sums, leaving);
-                        }
-                    }
-                    (Some(entering), None) => {
-                        let costs = costs_of(entering);
-                        sums.iter_mut().zip(costs).for_each(|(a, b)| add(a, b));
-                    }
-                    (None, Some(leaving)) => {
-                        let costs = costs_of(leaving);
-                        sums.iter_mut().zip(costs).for_each(|(a, b)| subtract(a, b));
-                    }
-                    (None, None) => break,
-                }
-            }
-            let count = samples(next.start, next.end).len();
-            *doubt = u8::from(has_rival(sums, count, parameters));
-            window = next;
         }
     }
 
@@ -172,60 +116,4 @@ fn spread_on<'a>(blocks: impl Iterator<Item = &'a mut u8>, reach: usize) {
             *doubt = 2;
         }
     }
-}
-
-/// Whether the least of the sums over `samples` pixels has a rival: whether sums below the bound lie on both
-/// sides of one that is far above it. Where they do, one of them is the least.
-fn has_rival(sums: &[Lanes], samples: usize, parameters: &RivalParameters) -> bool {
-    let least = sums.iter().flatten().fold(!HIGHEST, |a, &b| least_of(a, b));
-    let least = (least & 0xffff).min(least >> 16);
-    let bound = ((least * u32::from(parameters.ratio_q4)) >> 4) + u32::from(parameters.slack);
-    let wall = bound + u32::from(parameters.rise) * samples as u32;
-    let (lows_end, walls_start) = (both_halves(bound), both_halves(wall));
-    let (mut has_low, mut has_wall) = (false, false);
-    for &sums in sums {
-        // Only a wall is looked for after a low sum, and only a low sum otherwise.
-        let [a, b] = sums;
-        let has_none = if has_low && !has_wall {
-            at_least(a, walls_start) | at_least(b, walls_start) == 0
-        } else {
-            at_least(a, lows_end) & at_least(b, lows_end) == HIGHEST
-        };
-        if has_none {
-            continue;
-        }
-        for sum in in_order(sums) {
-            if sum < bound {
-                if has_wall {
-                    return true;
-                }
-                has_low = true;
-            } else if sum >= wall {
-                has_wall = has_low;
-            }
-        }
-    }
-    false
-}
-
-/// A bound of sums in both halves of a word; all that are above every sum are the same.
-fn both_halves(bound: u32) -> u32 {
-    // Either half of `HIGHEST`.
-    let bound = bound.min(1 << 15);
-    bound << 16 | bound
-}
-
-/// The highest bit of each of the two sums of a word that is at least its bound.
-#[inline(always)]
-fn at_least(sums: u32, bounds: u32) -> u32 {
-    // No half borrows.
-    ((sums | HIGHEST) - bounds) & HIGHEST
-}
-
-/// The lesser of each of the two sums of two words.
-fn least_of(a: u32, b: u32) -> u32 {
-    // Where `b` is not the greater one, the difference keeps the highest bit.
-    let kept = at_least(a, b);
-    let mask = kept - (kept >> 15);
-    a ^ ((a ^ b) & mask)
 }

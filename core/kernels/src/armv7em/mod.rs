@@ -18,6 +18,7 @@ mod memory;
 mod pack;
 mod penalty;
 mod resample;
+mod rivals;
 mod select;
 #[allow(unsafe_code)]
 mod simd;
@@ -27,7 +28,7 @@ mod weighted_median;
 use vgstereo_core::forward_kernels;
 use vgstereo_core::kernel::{
     AggregateRow, ArmsRow, CELLS_PER_BYTE, CheckRow, CostRun, Kernels, LevelConversion, MaskBlock,
-    Penalty, Portable, ResampleRow, WeightedMedianRow,
+    Penalty, Portable, ResampleRow, RivalsRow, WeightedMedianRow,
 };
 
 /// Kernel set in byte SIMD for Cortex-M4 and Cortex-M7.
@@ -99,6 +100,11 @@ impl Kernels for Armv7em {
     fn aggregate_row(&self, row: &mut AggregateRow<'_>) {
         self.aggregate_paths(row);
         self.select_row(row);
+    }
+
+    #[inline]
+    fn rivals_row(&self, row: &RivalsRow<'_>, sums: &mut [u32], rivals: &mut [u8]) {
+        rivals::rivals_row(row, sums, rivals);
     }
 
     #[inline]

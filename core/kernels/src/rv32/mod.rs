@@ -23,7 +23,7 @@ impl Kernels for Rv32 {
     // The kernels of `Armv7em` were not found to be faster here.
     forward_kernels!(set => &Portable; convert_row, pack_cells, median9_row);
     // On Arm, byte SIMD does most of the work of these. Not measured here.
-    forward_kernels!(set => &Portable; penalty_row, check_row);
+    forward_kernels!(set => &Portable; penalty_row, rivals_row, check_row);
     // `Armv7em` has no kernels of its own for these.
     forward_kernels!(set => &Portable; luma_row, channel_row, recall_row);
     // `Armv7em` looks lines up and checks positions once per cell of knots, the reference for each

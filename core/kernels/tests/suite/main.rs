@@ -18,8 +18,8 @@ use vgstereo_core::kernel::{Kernels, MASK_LANES, MAX_TAP_ROWS, PixelFormat, Port
 use vgstereo_kernels::aarch64::Neon;
 use vgstereo_kernels::cases::{
     AggregateCase, ArmsCase, Case, ChannelCase, CheckCase, ConvertCase, CostCase, LumaCase,
-    MaskCase, Median9Case, PackCase, PathsCase, PenaltyCase, RecallCase, ResampleCase, SelectCase,
-    SmoothCase, WeightedMedianCase, generator,
+    MaskCase, Median9Case, PackCase, PathsCase, PenaltyCase, RecallCase, ResampleCase, RivalsCase,
+    SelectCase, SmoothCase, WeightedMedianCase, generator,
 };
 #[cfg(target_arch = "x86_64")]
 use vgstereo_kernels::x86_64::{Avx2, Avx512};
@@ -35,7 +35,7 @@ macro_rules! suite {
     ($name:literal: $set:expr) => {
         suite!(@ $name: $set; luma_row, channel_row, resample_row, convert_row, smooth_row,
             pack_cells, recall_row, mask_block, cost_run, penalty_row, aggregate_paths, select_row,
-            aggregate_row, check_row, arms_row, median9_row, weighted_median_row)
+            aggregate_row, rivals_row, check_row, arms_row, median9_row, weighted_median_row)
     };
     (@ $name:literal: $set:expr; $($kernel:ident),+) => {
         [$(trial(concat!($name, "::", stringify!($kernel)), $set, |set| $kernel(set)),)+]
@@ -107,7 +107,7 @@ impl<K: Kernels> Kernels for Forwarded<K> {
 
     forward_kernels!(set => &set.0, within |body| body(); luma_row,
         channel_row, resample_row, convert_row, smooth_row, pack_cells, recall_row, mask_block,
-        cost_run, penalty_row, aggregate_paths, select_row, aggregate_row, check_row, arms_row,
+        cost_run, penalty_row, aggregate_paths, select_row, aggregate_row, rivals_row, check_row, arms_row,
         median9_row, weighted_median_row);
 }
 
@@ -214,6 +214,14 @@ fn convert_row(kernels: impl Kernels) {
 fn penalty_row(kernels: impl Kernels) {
     proptest!(config(), |(width in 1_usize..80, seed in any::<u64>())| {
         is_alike(&mut PenaltyCase::random(&mut generator(seed), width), kernels)?;
+    });
+}
+
+fn rivals_row(kernels: impl Kernels) {
+    proptest!(config(), |(
+        width in 1_usize..150, disparities in 1_usize..70, seed in any::<u64>()
+    )| {
+        is_alike(&mut RivalsCase::random(&mut generator(seed), width, disparities), kernels)?;
     });
 }
 

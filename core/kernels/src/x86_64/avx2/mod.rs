@@ -43,6 +43,7 @@ impl Kernels for Avx2 {
             penalty_row,
             aggregate_paths,
             select_row,
+            rivals_row,
             check_row,
             arms_row,
             median9_row,

@@ -57,6 +57,7 @@ impl Kernels for Avx512 {
             penalty_row,
             aggregate_paths,
             select_row,
+            rivals_row,
             check_row,
             arms_row,
             median9_row,

@@ -1,0 +1,114 @@
+//! Rivals in a row of costs: two sums of costs to a register, as halfwords.
+
+use vgstereo_core::kernel::{RIVAL_BLOCK_PX, RIVAL_STEP_PX, RivalsRow};
+
+use super::simd::{
+    add_even_bytes, add_odd_bytes, even_bytes, load, meet_all, min_u16x2, odd_bytes, splat_u16,
+    sub_saturating_u16x2,
+};
+
+/// Sums of four disparities: the first and the third, and the others.
+type Sums = [u32; 2];
+
+/// Costs of a pixel, of four disparities each.
+type Costs<'a> = &'a [[u8; 4]];
+
+/// Pixels of a block that enter its window, where it is not at an end of the row.
+const SAMPLES: usize = RIVAL_BLOCK_PX / RIVAL_STEP_PX;
+
+/// A sum that is above all.
+const NO_SUM: u16 = 1 << 15;
+
+/// Equals [`rivals_row`](vgstereo_core::kernel::rivals_row) bit for bit.
+#[inline(never)]
+pub(super) fn rivals_row(row: &RivalsRow<'_>, sums: &mut [u32], rivals: &mut [u8]) {
+    let sums = sums.as_chunks_mut().0;
+    let count = sums.len().min(row.disparities / 4);
+    let sums = sums.get_mut(..count).unwrap_or_default();
+    sums.fill([0; 2]);
+    // The pixels that are in the sums.
+    let mut window = 0..0;
+    for (block, rival) in rivals.iter_mut().enumerate() {
+        let next = row.window(block);
+        let entering = (window.end..next.end).step_by(RIVAL_STEP_PX);
+        let leaving = (window.start..next.start).step_by(RIVAL_STEP_PX);
+        let least = if entering.len() == SAMPLES && leaving.len() == SAMPLES {
+            let two = |first| [row.costs_of(first), row.costs_of(first + RIVAL_STEP_PX)];
+            replace(sums, two(window.end), two(window.start))
+        } else {
+            for x in entering {
+                change(sums, row.costs_of(x), u32::wrapping_add);
+            }
+            for x in leaving {
+                change(sums, row.costs_of(x), u32::wrapping_sub);
+            }
+            meet_all(sums.as_flattened(), min_u16x2)
+        };
+        let least = (least & 0xffff).min(least >> 16);
+        let samples = next.clone().step_by(RIVAL_STEP_PX).len();
+        *rival = u8::from(has_rival(sums, row.bounds(least, samples)));
+        window = next;
+    }
+}
+
+/// Adds the costs of a pixel to the sums, or subtracts them.
+fn change(sums: &mut [Sums], costs: Costs<'_>, by: impl Fn(u32, u32) -> u32) {
+    for ([even, odd], costs) in sums.iter_mut().zip(costs) {
+        let costs = load(costs);
+        *even = by(*even, even_bytes(costs));
+        *odd = by(*odd, odd_bytes(costs));
+    }
+}
+
+/// Adds the costs of the pixels that enter and subtracts those of the ones that leave. Returns the least of
+/// either half of all sums.
+fn replace(sums: &mut [Sums], [a, b]: [Costs<'_>; 2], [c, d]: [Costs<'_>; 2]) -> u32 {
+    let mut least = splat_u16(NO_SUM);
+    let costs = a.iter().zip(b).zip(c.iter().zip(d));
+    for (sums, ((a, b), (c, d))) in sums.iter_mut().zip(costs) {
+        let [a, b, c, d] = [a, b, c, d].map(load);
+        let [mut even, mut odd] = *sums;
+        // The costs that leave were added before.
+        even = add_even_bytes(add_even_bytes(even, a), b)
+            .wrapping_sub(add_even_bytes(even_bytes(c), d));
+        odd = add_odd_bytes(add_odd_bytes(odd, a), b).wrapping_sub(add_odd_bytes(odd_bytes(c), d));
+        *sums = [even, odd];
+        least = min_u16x2(min_u16x2(least, even), odd);
+    }
+    least
+}
+
+/// Whether sums below `bound` lie on both sides of one that is at least `wall`, which is not less.
+fn has_rival(sums: &[Sums], [bound, wall]: [u32; 2]) -> bool {
+    let half = |bound: u32| bound.min(NO_SUM.into()) as u16;
+    let Some(below_wall) = half(wall).checked_sub(1) else {
+        // No sum is below 0.
+        return false;
+    };
+    let (lows_end, below_wall) = (splat_u16(half(bound)), splat_u16(below_wall));
+    let (mut has_low, mut has_wall) = (false, false);
+    let mut rest = sums.iter();
+    loop {
+        // Only a wall is looked for after a low sum, and only a low sum otherwise.
+        let next = if has_low && !has_wall {
+            let above = |sums| sub_saturating_u16x2(sums, below_wall);
+            rest.find(|&&[even, odd]| above(even) | above(odd) != 0)
+        } else {
+            let below = |sums| sub_saturating_u16x2(lows_end, sums);
+            rest.find(|&&[even, odd]| below(even) | below(odd) != 0)
+        };
+        let Some(&[even, odd]) = next else {
+            return false;
+        };
+        for sum in [even & 0xffff, odd & 0xffff, even >> 16, odd >> 16] {
+            if sum < bound {
+                if has_wall {
+                    return true;
+                }
+                has_low = true;
+            } else if sum >= wall {
+                has_wall = has_low;
+            }
+        }
+    }
+}
