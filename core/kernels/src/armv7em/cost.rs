@@ -13,8 +13,8 @@ use vgstereo_core::kernel::{
 
 use super::simd::{
     add_even_bytes, add_odd_bytes, afresh, even_bytes, halve_difference_u8x4, in_order, load,
-    load_six, min_u8x4, odd_bytes, opaque, splat_u8, splat_u16, store, sub_saturating_u8x4,
-    subtract_product,
+    load_four, load_six, min_u8x4, odd_bytes, opaque, splat_u8, splat_u16, store,
+    sub_saturating_u8x4, subtract_product,
 };
 
 /// Largest number of disparities, rounded up to a multiple of 16.
@@ -315,9 +315,20 @@ fn count_quad<const BYTES: usize, const TERMS: usize, const POSITIONS: usize, co
             [0, 1, 2].map(|next| pixel.differing(first + next, other(first + next)))
         }
     };
-    in_order(count::<BYTES>(constants, three, |byte| {
-        pixel.differing(byte, other(byte))
-    }))
+    let two = |first: usize| {
+        let words = patterns.get(first..first + 2).map(<[_]>::as_flattened);
+        let words = words.and_then(<[u32]>::first_chunk);
+        if TERMS == 2
+            && let Some(words) = words
+        {
+            let [a, a_mask, b, b_mask] = load_four(words);
+            [(a ^ other(first)) & a_mask, (b ^ other(first + 1)) & b_mask]
+        } else {
+            [0, 1].map(|next| pixel.differing(first + next, other(first + next)))
+        }
+    };
+    let last = || pixel.differing(BYTES - 1, other(BYTES - 1));
+    in_order(count::<BYTES>(constants, three, two, last))
 }
 
 /// Loads four bytes of a tile.
@@ -508,39 +519,34 @@ impl Constants {
 fn count<const BYTES: usize>(
     constants: Constants,
     three: impl Fn(usize) -> [u32; 3],
-    word: impl Fn(usize) -> u32,
+    two: impl Fn(usize) -> [u32; 2],
+    last: impl Fn() -> u32,
 ) -> u32 {
     match BYTES {
         4 => {
             let [a, b] = pairs_of_three(three(0));
             // At most 3 times 4, and 4.
             let nibbles = constants.nibbles_of_two(a, b);
-            let last = constants.nibbles(pairs(word(3)));
+            let last = constants.nibbles(pairs(last()));
             bytes_of(nibbles) + opaque((last + (last >> 4)) & 0x0f0f_0f0f)
         }
         6 => {
             let [a, b] = pairs_of_three(three(0));
-            let first = bytes_of(constants.nibbles_of_two(a, b));
+            let first = in_order(bytes_of(constants.nibbles_of_two(a, b)));
             let [a, b] = pairs_of_three(three(3));
             first + bytes_of(constants.nibbles_of_two(a, b))
         }
         PART => {
-            let (ones_a, twos_a) = add(three(0));
-            let (ones_b, twos_b) = add(three(3));
-            let (ones, twos_c) = add([ones_a, ones_b, word(6)]);
-            let (twos, fours) = add([twos_a, twos_b, twos_c]);
-            let twos = constants.nibbles(pairs(twos)) + 2 * constants.nibbles(pairs(fours));
-            let ones = constants.nibbles_of_two(pairs(ones), pairs(word(7)));
-            bytes_of(ones) + 2 * bytes_of(twos)
+            // One group of words after the other, each in one word, because there are few registers.
+            let [a, b] = pairs_of_three(three(0));
+            let first = in_order(bytes_of(constants.nibbles_of_two(a, b)));
+            let [a, b] = pairs_of_three(three(3));
+            let second = in_order(first + bytes_of(constants.nibbles_of_two(a, b)));
+            let [a, b] = two(6).map(pairs);
+            second + bytes_of(constants.nibbles_of_two(a, b))
         }
         _ => 0,
     }
-}
-
-/// Full adder of three bits in every position: returns the low and the high bits of the sums.
-#[inline(always)]
-fn add([a, b, c]: [u32; 3]) -> (u32, u32) {
-    (in_order(a ^ b ^ c), in_order(a & b | (a ^ b) & c))
 }
 
 /// Counts the bits of each pair of bits.

@@ -330,6 +330,30 @@ pub(super) fn load_six(words: &[u32; 6]) -> [u32; 6] {
     }
 }
 
+/// Loads four words by one instruction.
+#[inline(always)]
+#[must_use]
+pub(super) fn load_four(words: &[u32; 4]) -> [u32; 4] {
+    #[cfg(dsp_extension)]
+    {
+        let (a, b, c, d);
+        // SAFETY: the instruction reads the words of the reference, which are aligned.
+        unsafe {
+            core::arch::asm!(
+                "ldm {}, {{r0, r1, r2, r3}}",
+                in(reg) words,
+                lateout("r0") a, lateout("r1") b, lateout("r2") c, lateout("r3") d,
+                options(pure, readonly, nostack, preserves_flags),
+            );
+        }
+        [a, b, c, d]
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        *words
+    }
+}
+
 /// Meets all words, the first with the second, the outcome with the third and so on; all ones if there are
 /// none. Six are loaded at a time.
 #[inline(always)]
