@@ -9,7 +9,7 @@
 use libtest_mimic::{Arguments, Failed, Trial};
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
-use vgstereo_boards::board::{Board, MPS2_AN500, STM32F405};
+use vgstereo_boards::board::{Board, MPS2_AN500, MPS3_AN547, STM32F405};
 use vgstereo_boards::build::build;
 use vgstereo_boards::elf::Sizes;
 use vgstereo_boards::emulator::{self, Clock};
@@ -23,12 +23,14 @@ use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
 
 /// Limits of RAM: board, preset, columns, number of disparities, and KiB that statics, working
 /// memory and stack may take together.
-const RAM_KIB: [(Board, Preset, u32, u16, u64); 5] = [
+const RAM_KIB: [(Board, Preset, u32, u16, u64); 7] = [
     (STM32F405, Preset::Lite, 160, 32, 44),
     (STM32F405, Preset::Lite, 320, 48, 88),
     (STM32F405, Preset::Micro, 320, 48, 120),
     (MPS2_AN500, Preset::Lite, 450, 60, 150),
     (MPS2_AN500, Preset::Balanced, 450, 60, 300),
+    (MPS3_AN547, Preset::Lite, 320, 48, 88),
+    (MPS3_AN547, Preset::Quality, 640, 96, 410),
 ];
 
 type BoardTest = fn(&Board) -> Result<(), Failed>;

@@ -52,6 +52,7 @@ pub struct Model {
 }
 
 const ARM_TARGET: &str = "thumbv7em-none-eabihf";
+const ARMV8M_TARGET: &str = "thumbv8m.main-none-eabihf";
 const RISCV_TARGET: &str = "riscv32imac-unknown-none-elf";
 
 /// The reference board: STM32F405, a Cortex-M4F.
@@ -79,6 +80,22 @@ pub const MPS2_AN500: Board = Board {
         program: "qemu-system-arm",
         arguments: &["-machine", "mps2-an500"],
         count_shift: 6,
+    }),
+    model: None,
+    is_small: false,
+};
+
+/// Arm's MPS3 board with the FPGA image AN547, a Cortex-M55 with the vector instructions of Helium. The
+/// target's name does not tell them.
+pub const MPS3_AN547: Board = Board {
+    name: "mps3-an547",
+    folder: "mps3-an547",
+    target: ARMV8M_TARGET,
+    compiler_flags: &["-Ctarget-cpu=cortex-m55"],
+    emulation: Some(Emulation {
+        program: "qemu-system-arm",
+        arguments: &["-machine", "mps3-an547"],
+        count_shift: 4,
     }),
     model: None,
     is_small: false,
@@ -148,9 +165,10 @@ pub const STM32F407: Board = Board {
 
 impl Board {
     /// All boards, emulated or not.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         STM32F405,
         MPS2_AN500,
+        MPS3_AN547,
         RISCV_VIRT,
         RISCV_VIRT_ZBB,
         STM32H743,

@@ -104,10 +104,15 @@ fn board_folder(board: &Board) -> PathBuf {
 }
 
 /// Returns the folder that cargo builds in. Compiler flags change the standard library as
-/// well, so each set of them has its own folder.
+/// well, so a board whose flags are not those of every board of its target has its own folder. The
+/// others share the build scripts and macros, which are of the host.
 fn target_folder(board: &Board) -> PathBuf {
+    let mut all = Board::ALL.into_iter();
+    let is_alike =
+        |other: Board| other.target != board.target || other.compiler_flags == board.compiler_flags;
     let variant = match board.compiler_flags {
         [] => "plain",
+        _ if all.all(is_alike) => "plain",
         _ => board.name,
     };
     root().join("target/boards").join(variant)

@@ -4,7 +4,7 @@
 //! does the rest: it parses a [`Request`] from the command line, matches frames whose lines are
 //! read from a file pair by pair, writes the disparities and confidences to files, logs each frame
 //! with defmt on standard output, and writes a [`Report`]. The host writes the file of lines and
-//! reads the others. `camera`, `run`, `sink` and `stack` are built for chips only.
+//! reads the others. `camera`, `cmsdk`, `run`, `sink` and `stack` are built for chips only.
 #![no_std]
 
 #[cfg(test)]
@@ -21,6 +21,8 @@ pub mod serial;
 
 #[cfg(target_os = "none")]
 pub mod camera;
+#[cfg(target_os = "none")]
+pub mod cmsdk;
 #[cfg(target_os = "none")]
 mod live;
 #[cfg(target_os = "none")]

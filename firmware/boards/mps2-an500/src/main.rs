@@ -2,13 +2,11 @@
 #![no_std]
 #![no_main]
 
-mod uart;
-
 // Linked for its critical sections, which the log needs.
 use cortex_m as _;
 use cortex_m_rt::entry;
 use static_cell::ConstStaticCell;
-use uart::Uart0;
+use vgstereo_emulated::cmsdk::CmsdkUart;
 use vgstereo_emulated::meter::Counter;
 use vgstereo_emulated::run::{Board, run};
 use vgstereo_emulated::stack::Stack;
@@ -61,7 +59,8 @@ fn main() -> ! {
     run(Board {
         name: env!("CARGO_PKG_NAME"),
         counter: Timer0::start(),
-        uart: Uart0::start(),
+        // SAFETY: this is UART 0, which nothing else uses.
+        uart: unsafe { CmsdkUart::start(0x4000_4000) },
         kernels: Armv7em,
         memory: MEMORY.take(),
         stack,

@@ -13,7 +13,7 @@ use vgstereo_sim::terminal::progress_bar;
 
 use super::images::Images;
 use super::selection::EmulatedSelection;
-use crate::board::{Board, MPS2_AN500, RISCV_VIRT, RISCV_VIRT_ZBB, STM32F405};
+use crate::board::{Board, MPS2_AN500, MPS3_AN547, RISCV_VIRT, RISCV_VIRT_ZBB, STM32F405};
 use crate::build::build;
 use crate::elf::Sizes;
 use crate::emulator::{self, Clock};
@@ -22,7 +22,7 @@ use crate::toolchain::ensure_complete;
 
 /// Cases that are measured: a board, the width and height of the views in px, the number of
 /// disparities, and the presets.
-const CASES: [(Board, u32, u32, u16, &[Preset]); 5] = [
+const CASES: [(Board, u32, u32, u16, &[Preset]); 6] = [
     (STM32F405, 160, 120, 32, &[Preset::Lite, Preset::Micro]),
     (STM32F405, 320, 240, 48, &[Preset::Lite, Preset::Micro]),
     (
@@ -30,6 +30,13 @@ const CASES: [(Board, u32, u32, u16, &[Preset]); 5] = [
         450,
         375,
         60,
+        &[Preset::Lite, Preset::Micro, Preset::Balanced],
+    ),
+    (
+        MPS3_AN547,
+        320,
+        240,
+        48,
         &[Preset::Lite, Preset::Micro, Preset::Balanced],
     ),
     (RISCV_VIRT, 320, 240, 48, &[Preset::Lite, Preset::Micro]),

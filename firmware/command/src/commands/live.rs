@@ -32,7 +32,7 @@ const LOOK: Duration = Duration::from_millis(100);
     live --board stm32f405 --listen 127.0.0.1:7878"
 )]
 pub struct Live {
-    /// The board: stm32f405, mps2-an500, riscv-virt, riscv-virt-zbb, or stm32h743 on its model, which takes
+    /// The board: stm32f405, mps2-an500, mps3-an547, riscv-virt, riscv-virt-zbb, or stm32h743 on its model, which takes
     /// some 15 s for a frame.
     #[arg(long, value_name = "B", value_parser = parse_executed_board)]
     board: Board,

@@ -34,7 +34,7 @@ use crate::toolchain::ensure_complete;
     --fault 0:20:overrun --out disparity.png"
 )]
 pub struct Run {
-    /// The board: stm32f405, mps2-an500, riscv-virt, riscv-virt-zbb or stm32h743.
+    /// The board: stm32f405, mps2-an500, mps3-an547, riscv-virt, riscv-virt-zbb or stm32h743.
     #[arg(long, value_name = "B", value_parser = parse_executed_board)]
     board: Board,
     #[command(flatten)]

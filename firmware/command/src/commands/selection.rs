@@ -8,7 +8,7 @@ use crate::toolchain::ModelCompiler;
 /// The option of the verbs that take one board or all boards.
 #[derive(Debug, Clone, Args)]
 pub struct Selection {
-    /// Only this board: stm32f405, mps2-an500, riscv-virt, riscv-virt-zbb, stm32h743 or stm32f407.
+    /// Only this board: stm32f405, mps2-an500, mps3-an547, riscv-virt, riscv-virt-zbb, stm32h743 or stm32f407.
     #[arg(long, value_name = "B", value_parser = parse_board)]
     board: Option<Board>,
 }
@@ -24,7 +24,7 @@ impl Selection {
 /// The option of the verbs that take one emulated board or all of them.
 #[derive(Debug, Clone, Args)]
 pub struct EmulatedSelection {
-    /// Only this board: stm32f405, mps2-an500, riscv-virt or riscv-virt-zbb.
+    /// Only this board: stm32f405, mps2-an500, mps3-an547, riscv-virt or riscv-virt-zbb.
     #[arg(long, value_name = "B", value_parser = parse_emulated_board)]
     board: Option<Board>,
 }
@@ -41,7 +41,7 @@ impl EmulatedSelection {
 /// The option of the verbs that take one board that this machine can run or all of them.
 #[derive(Debug, Clone, Args)]
 pub struct ExecutedSelection {
-    /// Only this board: stm32f405, mps2-an500, riscv-virt, riscv-virt-zbb or stm32h743.
+    /// Only this board: stm32f405, mps2-an500, mps3-an547, riscv-virt, riscv-virt-zbb or stm32h743.
     #[arg(long, value_name = "B", value_parser = parse_executed_board)]
     board: Option<Board>,
 }
