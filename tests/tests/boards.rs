@@ -10,7 +10,7 @@ use libtest_mimic::{Arguments, Failed, Trial};
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_boards::board::{Board, MPS2_AN500, MPS3_AN547, STM32F405};
-use vgstereo_boards::build::build;
+use vgstereo_boards::build::{build, build_suite};
 use vgstereo_boards::elf::Sizes;
 use vgstereo_boards::emulator::{self, Clock};
 use vgstereo_boards::model::{Ran, Scenario};
@@ -84,6 +84,11 @@ fn main() {
             let trial = Trial::test(name, move || test(&board));
             trials.push(trial.with_ignored_flag(absent));
         }
+        if board.kernel_suite.is_some() {
+            let name = format!("{}::kernels", board.name);
+            let trial = Trial::test(name, move || every_kernel_equals_the_reference(&board));
+            trials.push(trial.with_ignored_flag(absent));
+        }
     }
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }
@@ -127,6 +132,12 @@ fn same_bytes_of_raw_lines(board: &Board) -> Result<(), Failed> {
         }
     }
     Ok(())
+}
+
+/// Kernels whose instructions no host has are held to the reference on the board.
+fn every_kernel_equals_the_reference(board: &Board) -> Result<(), Failed> {
+    let program = build_suite(board).map_err(text)?;
+    emulator::run_suite(board, &program).map_err(text)
 }
 
 fn same_bytes_with_every_preset(board: &Board) -> Result<(), Failed> {

@@ -24,11 +24,16 @@ mod armv7em;
 #[cfg(feature = "cases")]
 #[doc(hidden)]
 pub mod cases;
+#[cfg(helium)]
+#[allow(unsafe_code)]
+mod helium;
 mod native;
 mod rv32;
 #[cfg(all(target_arch = "x86_64", feature = "std"))]
 pub mod x86_64;
 
 pub use armv7em::Armv7em;
+#[cfg(helium)]
+pub use helium::Helium;
 pub use native::NativeKernels;
 pub use rv32::Rv32;

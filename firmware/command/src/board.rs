@@ -18,6 +18,9 @@ pub struct Board {
     pub compiler_flags: &'static [&'static str],
     /// How it is emulated; `None` for a board that runs only as hardware.
     pub emulation: Option<Emulation>,
+    /// The package, and the folder below `firmware/boards`, of a program for it that compares its kernels with
+    /// the reference; `None` where the suite of the kernels does so on hosts.
+    pub kernel_suite: Option<&'static str>,
     /// The model of its chip; `None` for a board that has none.
     pub model: Option<Model>,
     /// Whether its memory is too small for the pairs of the benchmarks, so that it gets them
@@ -66,6 +69,7 @@ pub const STM32F405: Board = Board {
         arguments: &["-machine", "netduinoplus2"],
         count_shift: 0,
     }),
+    kernel_suite: None,
     model: None,
     is_small: true,
 };
@@ -81,6 +85,7 @@ pub const MPS2_AN500: Board = Board {
         arguments: &["-machine", "mps2-an500"],
         count_shift: 6,
     }),
+    kernel_suite: None,
     model: None,
     is_small: false,
 };
@@ -97,6 +102,7 @@ pub const MPS3_AN547: Board = Board {
         arguments: &["-machine", "mps3-an547"],
         count_shift: 4,
     }),
+    kernel_suite: Some("mps3-an547-suite"),
     model: None,
     is_small: false,
 };
@@ -119,6 +125,7 @@ pub const RISCV_VIRT: Board = Board {
         ],
         count_shift: 0,
     }),
+    kernel_suite: None,
     model: None,
     is_small: false,
 };
@@ -142,6 +149,7 @@ pub const STM32H743: Board = Board {
     target: ARM_TARGET,
     compiler_flags: &[],
     emulation: None,
+    kernel_suite: None,
     model: Some(Model {
         folder: "stm32h743-model",
         preset: Preset::Lite,
@@ -159,6 +167,7 @@ pub const STM32F407: Board = Board {
     target: ARM_TARGET,
     compiler_flags: &[],
     emulation: None,
+    kernel_suite: None,
     model: None,
     is_small: false,
 };

@@ -21,22 +21,46 @@ pub(crate) fn root() -> &'static Path {
 /// # Errors
 /// Fails when there is no compiler for the board or the firmware does not compile.
 pub fn build(board: &Board) -> Result<PathBuf> {
+    build_package(board, board.folder, &[])
+}
+
+/// Builds the program that compares a board's kernels with the reference, with debug assertions in the kernels,
+/// and returns the path of the linked file.
+///
+/// # Errors
+/// Fails when the board has none, when there is no compiler for it, or when it does not compile.
+pub fn build_suite(board: &Board) -> Result<PathBuf> {
+    let suite = board.kernel_suite;
+    let suite = suite.with_context(|| format!("{} has no suite of kernels", board.name))?;
+    let assertions = "profile.release.package.vgstereo-kernels.debug-assertions=true";
+    build_package(board, suite, &["--config", assertions])
+}
+
+/// Builds the package of this name, whose folder below `firmware/boards` has it too.
+fn build_package(board: &Board, package: &str, options: &[&str]) -> Result<PathBuf> {
     let mut command = Command::new(cargo());
     command.arg("build");
     if !std::io::stderr().is_terminal() {
-        eprintln!("compiling the firmware of {}", board.name);
+        eprintln!("compiling the firmware of {package}");
     }
     configure(&mut command, board, &toolchain(board)?);
-    command.current_dir(board_folder(board));
+    command.args(options).current_dir(package_folder(package));
     let status = command.status().context("cannot run cargo")?;
-    ensure!(
-        status.success(),
-        "the firmware of {} does not build",
-        board.name
-    );
+    ensure!(status.success(), "the firmware of {package} does not build");
     let folder = target_folder(board).join(board.target).join("release");
-    Ok(folder.join(board.folder))
+    Ok(folder.join(package))
 }
+
+/// The release profile of the boards' workspace, for a build in the workspace of the host: the standard library is
+/// then the one that the boards are built with, and not compiled again.
+const COMMON_PROFILE: [&str; 6] = [
+    "--config",
+    "profile.release.codegen-units=1",
+    "--config",
+    "profile.release.lto=true",
+    "--config",
+    "profile.release.package.\"*\".debug=\"line-tables-only\"",
+];
 
 /// Lints the crate of a board and what it shares with other boards, and those shared crates whose code
 /// depends on the processor.
@@ -51,19 +75,25 @@ pub fn lint(board: &Board) -> Result<()> {
             board.target
         )
     })?;
-    // In a build, which takes what the dependencies were compiled to: to check those apart takes
-    // minutes. Only members of the boards' workspace go through the driver.
-    let mut boards = Command::new(cargo());
-    boards
-        .arg("build")
-        .env(
-            "RUSTC_WORKSPACE_WRAPPER",
-            linter.with_file_name("clippy-driver"),
-        )
-        // What cargo's own subcommand tells it.
-        .env("CLIPPY_ARGS", "-Dwarnings__CLIPPY_HACKERY__")
-        .current_dir(board_folder(board));
-    configure(&mut boards, board, &toolchain);
+    let mut commands = Vec::new();
+    for package in [Some(board.folder), board.kernel_suite]
+        .into_iter()
+        .flatten()
+    {
+        // In a build, which takes what the dependencies were compiled to: to check those apart takes
+        // minutes. Only members of the boards' workspace go through the driver.
+        let mut own = Command::new(cargo());
+        own.arg("build")
+            .env(
+                "RUSTC_WORKSPACE_WRAPPER",
+                linter.with_file_name("clippy-driver"),
+            )
+            // What cargo's own subcommand tells it.
+            .env("CLIPPY_ARGS", "-Dwarnings__CLIPPY_HACKERY__")
+            .current_dir(package_folder(package));
+        configure(&mut own, board, &toolchain);
+        commands.push(own);
+    }
     let mut common = Command::new(&linter);
     // Cargo itself runs its subcommands like this.
     common
@@ -72,9 +102,11 @@ pub fn lint(board: &Board) -> Result<()> {
         .current_dir(root());
     configure(&mut common, board, &toolchain);
     common
+        .args(COMMON_PROFILE)
         .args(["-p", "vgstereo-kernels", "-p", "vgstereo-emulated"])
         .args(["--", "-D", "warnings"]);
-    for mut command in [boards, common] {
+    commands.push(common);
+    for mut command in commands {
         let status = command.status();
         let status = status.with_context(|| format!("cannot run {}", linter.display()))?;
         ensure!(
@@ -99,8 +131,8 @@ fn cargo() -> OsString {
     std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into())
 }
 
-fn board_folder(board: &Board) -> PathBuf {
-    root().join("firmware/boards").join(board.folder)
+fn package_folder(package: &str) -> PathBuf {
+    root().join("firmware/boards").join(package)
 }
 
 /// Returns the folder that cargo builds in. Compiler flags change the standard library as
@@ -140,8 +172,13 @@ fn configure(command: &mut Command, board: &Board, toolchain: &Toolchain) {
             board.target,
             linker.display().to_string()
         );
+        // Its suite of kernels makes its tasks on a heap. What both depend on is built once.
+        let libraries = match board.kernel_suite {
+            Some(_) => "-Zbuild-std=core,alloc",
+            None => "-Zbuild-std=core",
+        };
         command
-            .args(["-Zbuild-std=core", "--config", &setting])
+            .args([libraries, "--config", &setting])
             .env("RUSTC", "/usr/bin/rustc")
             .env("RUSTC_BOOTSTRAP", "1");
         // The section of stack sizes takes no flash.

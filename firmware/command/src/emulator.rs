@@ -3,8 +3,9 @@
 
 use std::ffi::{CStr, OsString};
 use std::fs::{self, File};
+use std::io::{Read, Seek};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::slice;
 use std::time::Duration;
 
@@ -23,6 +24,9 @@ use crate::pair::Pair;
 /// The longest time that a run may take; an emulator that takes longer is considered hung.
 const LONGEST_RUN: Duration = Duration::from_secs(600);
 
+/// The arguments with which the emulator shows no window and takes no commands.
+const NO_DISPLAY: [&str; 4] = ["-display", "none", "-monitor", "none"];
+
 /// The file for the board's log, which is the emulator's standard output.
 const LOG_FILE: &CStr = c"log.defmt";
 /// The file for the emulator's standard error.
@@ -37,6 +41,42 @@ pub enum Clock {
     Instructions,
 }
 
+/// Waits for an emulator to end, and ends it when it takes too long.
+fn wait(child: &mut Child, board: &Board) -> Result<ExitStatus> {
+    if let Some(status) = child.wait_timeout(LONGEST_RUN)? {
+        return Ok(status);
+    }
+    child.kill()?;
+    child.wait()?;
+    bail!("{} is not done after {LONGEST_RUN:?}", board.name)
+}
+
+/// Runs the program that compares a board's kernels with the reference.
+///
+/// # Errors
+/// Fails with what the program says when a kernel differs, and when it cannot be run.
+pub fn run_suite(board: &Board, program: &Path) -> Result<()> {
+    let emulation = board.emulation()?;
+    let mut output = tempfile::tempfile().context("cannot make a temporary file")?;
+    let mut child = Command::new(emulation.program)
+        .args(emulation.arguments)
+        .args(NO_DISPLAY)
+        .args(["-serial", "none"])
+        .args(["-semihosting-config", "enable=on,target=native", "-kernel"])
+        .arg(program)
+        .stdin(Stdio::null())
+        .stdout(output.try_clone()?)
+        .stderr(output.try_clone()?)
+        .spawn()
+        .with_context(|| format!("cannot run {}", emulation.program))?;
+    let status = wait(&mut child, board)?;
+    let mut said = String::new();
+    output.rewind()?;
+    output.read_to_string(&mut said)?;
+    ensure!(status.success(), "{}: {}", board.name, said.trim());
+    Ok(())
+}
+
 /// The arguments of the emulator for a board that is given a request, without those of its serial port.
 pub(crate) fn arguments(
     emulation: &Emulation,
@@ -48,9 +88,8 @@ pub(crate) fn arguments(
         semihosting += ",arg=";
         semihosting += word;
     }
-    let display = ["-display", "none", "-monitor", "none"];
     let ours = ["-semihosting-config", &semihosting, "-kernel"];
-    let all = emulation.arguments.iter().chain(&display).chain(&ours);
+    let all = emulation.arguments.iter().chain(&NO_DISPLAY).chain(&ours);
     let all = all.map(OsString::from).chain([firmware.into()]);
     all.collect()
 }
@@ -125,11 +164,7 @@ pub fn run_logged(
     }
     let child = command.spawn();
     let mut child = child.with_context(|| format!("cannot run {}", emulation.program))?;
-    let Some(status) = child.wait_timeout(LONGEST_RUN)? else {
-        child.kill()?;
-        child.wait()?;
-        bail!("{} is not done after {LONGEST_RUN:?}", board.name);
-    };
+    let status = wait(&mut child, board)?;
     if !status.success() {
         let complaint = read(COMPLAINT_FILE)?;
         let complaint = String::from_utf8_lossy(&complaint);

@@ -10,7 +10,7 @@ use vgstereo_emulated::cmsdk::CmsdkUart;
 use vgstereo_emulated::meter::Counter;
 use vgstereo_emulated::run::{Board, run};
 use vgstereo_emulated::stack::Stack;
-use vgstereo_kernels::Armv7em;
+use vgstereo_kernels::Helium;
 
 /// Memory lent to session and matcher: 768 KB of 1 MB.
 #[unsafe(export_name = "lent_memory")]
@@ -57,7 +57,7 @@ fn main() -> ! {
         counter: SystemCounter::start(),
         // SAFETY: this is UART 0, which nothing else uses.
         uart: unsafe { CmsdkUart::start(0x5930_3000) },
-        kernels: Armv7em,
+        kernels: Helium,
         memory: MEMORY.take(),
         stack,
     })

@@ -1,0 +1,69 @@
+//! Kernels for Armv8.1-M with Helium, the M-profile vector extension (MVE): Cortex-M52, M55 and M85.
+//!
+//! A vector register holds sixteen bytes. Stable Rust has no intrinsics for it, so the kernels are
+//! assembly: each block of it is one loop over the lanes of a pixel or of a row, in a function that first
+//! asserts, in debug builds, that all its loads and stores stay inside its slices. The suite that holds
+//! them to the reference runs on an emulated board: `firmware/boards/mps3-an547-kernels`.
+
+mod aggregate;
+mod cost;
+mod select;
+
+use vgstereo_core::forward_kernels;
+use vgstereo_core::kernel::{AggregateRow, CostRun, Kernels};
+
+use crate::armv7em::Armv7em;
+
+/// Bytes of a vector register.
+const LANES: usize = 16;
+
+/// Assembly with vector instructions: its lines, then its operands. It overwrites all vector registers,
+/// as names of them cannot be operands, and LR, in which hardware loops count.
+macro_rules! vector_asm {
+    ($($line:expr),+ ; $($operands:tt)*) => {
+        core::arch::asm!(
+            $($line),+,
+            $($operands)*
+            out("lr") _,
+            out("d0") _, out("d1") _, out("d2") _, out("d3") _,
+            out("d4") _, out("d5") _, out("d6") _, out("d7") _,
+            out("d8") _, out("d9") _, out("d10") _, out("d11") _,
+            out("d12") _, out("d13") _, out("d14") _, out("d15") _,
+            options(nostack),
+        )
+    };
+}
+use vector_asm;
+
+/// Kernel set in vectors of sixteen bytes for processors with Helium.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Helium;
+
+impl Kernels for Helium {
+    const FUSES_SELECTION: bool = false;
+
+    forward_kernels!(set => &Armv7em; luma_row, channel_row, resample_row, convert_row, smooth_row,
+        pack_cells, recall_row, mask_block, penalty_row, check_row, arms_row, median9_row,
+        weighted_median_row);
+
+    #[inline]
+    fn cost_run(&self, run: &CostRun<'_>, costs: &mut [u8]) {
+        cost::cost_run(run, costs);
+    }
+
+    #[inline]
+    fn aggregate_paths(&self, row: &mut AggregateRow<'_>) {
+        aggregate::aggregate_paths(row);
+    }
+
+    #[inline]
+    fn select_row(&self, row: &mut AggregateRow<'_>) {
+        select::select_row(row);
+    }
+
+    #[inline]
+    fn aggregate_row(&self, row: &mut AggregateRow<'_>) {
+        self.aggregate_paths(row);
+        self.select_row(row);
+    }
+}
