@@ -6,7 +6,9 @@
 
 use core::ops::Range;
 
-use vgstereo_core::kernel::{CostRun, Kernels, NO_COST, Planes, Portable, cost_stride};
+use vgstereo_core::kernel::{
+    CostRun, Kernels, MAX_CHANNELS, NO_COST, Planes, Portable, cost_stride,
+};
 
 use super::{LANES, vector_asm};
 
@@ -36,30 +38,124 @@ pub(super) fn cost_run(run: &CostRun<'_>, costs: &mut [u8]) {
         Portable.cost_run(run, costs);
         return;
     }
-    let weights = Weights::new(run);
-    let rows = costs.chunks_exact_mut(stride);
-    for (x, (costs, (&cell_cost_q8, &truncation))) in rows
-        .zip(run.cell_costs_q8.iter().zip(run.truncations))
-        .enumerate()
-    {
-        let lowest = run.first_position - x;
-        for (costs, start) in costs
-            .chunks_mut(MAX_BLOCKS * LANES)
-            .zip((0..).step_by(MAX_BLOCKS * LANES))
-        {
-            let first = lowest + start;
-            count(run, 0..run.inputs.count, x, first, costs);
-            if run.difference_weight_q4 == 0 {
-                weigh(costs, cell_cost_q8, truncation);
-            } else {
-                let cell = (cell_cost_q8, truncation);
-                weigh_with_levels(run, x, first, costs, cell, &weights);
+    let costs = costs.get_mut(..pixels * stride).unwrap_or_default();
+    let is_masked = run.masks.count > 0;
+    // As many blocks of disparities as registers take at a time, and what remains.
+    for start in (0..stride).step_by(MAX_BLOCKS * LANES) {
+        let rows = Rows { run, stride, start };
+        match ((stride - start) / LANES, is_masked) {
+            (1, false) => rows.fill::<1, false>(costs),
+            (1, true) => rows.fill::<1, true>(costs),
+            (2, false) => rows.fill::<2, false>(costs),
+            (2, true) => rows.fill::<2, true>(costs),
+            (3, false) => rows.fill::<3, false>(costs),
+            (3, true) => rows.fill::<3, true>(costs),
+            (_, false) => rows.fill::<MAX_BLOCKS, false>(costs),
+            (_, true) => rows.fill::<MAX_BLOCKS, true>(costs),
+        }
+    }
+    if run.disparities < stride {
+        for costs in costs.chunks_exact_mut(stride) {
+            if let Some(beyond) = costs.get_mut(run.disparities..) {
+                beyond.fill(NO_COST);
             }
         }
-        if run.disparities < stride
-            && let Some(beyond) = costs.get_mut(run.disparities..)
-        {
-            beyond.fill(NO_COST);
+    }
+}
+
+/// Some disparities, from `start` on, of all pixels of a run.
+#[derive(Clone, Copy)]
+struct Rows<'a> {
+    run: &'a CostRun<'a>,
+    stride: usize,
+    start: usize,
+}
+
+impl Rows<'_> {
+    /// Writes the costs of `BLOCKS` blocks of disparities.
+    #[inline(never)]
+    fn fill<const BLOCKS: usize, const MASKED: bool>(self, costs: &mut [u8]) {
+        let run = self.run;
+        let bytes = run.inputs.count;
+        let cells = run.cell_costs_q8.iter().zip(run.truncations);
+        let cells = cells.map(|(&cost_q8, &most)| (cost_q8, most));
+        if bytes <= PART {
+            self.each::<BLOCKS>(costs, |x, first, counts| {
+                count::<BLOCKS, MASKED>(run, 0..bytes, x, first, counts);
+            });
+            self.weigh_rows::<BLOCKS>(costs, cells);
+            return;
+        }
+        // A count beyond a byte is the largest byte, which suffices where that costs the most already.
+        let counts_suffice =
+            |(cost_q8, most): (u16, u8)| (u32::from(cost_q8) * 255 + 128) >> 8 >= most.into();
+        let mut own = cells.clone();
+        self.each::<BLOCKS>(costs, |x, first, counts| {
+            let cell = own.next().unwrap_or((0, 0));
+            if counts_suffice(cell) {
+                count::<BLOCKS, MASKED>(run, 0..bytes, x, first, counts);
+            } else {
+                weigh_parts::<BLOCKS, MASKED>(run, x, first, counts, cell);
+            }
+        });
+        // Where costs stand already, each is one.
+        let weighed = |(cost_q8, most)| match counts_suffice((cost_q8, most)) {
+            true => (cost_q8, most),
+            false => (1 << 8, most),
+        };
+        self.weigh_rows::<BLOCKS>(costs, cells.map(weighed));
+    }
+
+    /// Calls `body` for each pixel of the run, with its number, the position of its first disparity here, and the
+    /// places of the costs.
+    #[inline(always)]
+    fn each<const BLOCKS: usize>(
+        &self,
+        costs: &mut [u8],
+        mut body: impl FnMut(usize, usize, &mut [u8]),
+    ) {
+        let first = self.run.first_position + self.start;
+        let rows = costs.chunks_exact_mut(self.stride);
+        for (x, costs) in rows.enumerate() {
+            if let Some(costs) = costs.get_mut(self.start..self.start + BLOCKS * LANES) {
+                body(x, first - x, costs);
+            }
+        }
+    }
+
+    /// Replaces counts of differing cells by costs. `cells` has the cost of a cell, 1/256, and the largest cost of
+    /// all of them, of each pixel.
+    #[inline(always)]
+    fn weigh_rows<const BLOCKS: usize>(
+        &self,
+        costs: &mut [u8],
+        mut cells: impl Iterator<Item = (u16, u8)>,
+    ) {
+        let run = self.run;
+        let weights = Weights::new(run);
+        if run.difference_weight_q4 == 0 {
+            self.each::<BLOCKS>(costs, |_, _, costs| {
+                weigh(costs, cells.next().unwrap_or((0, 0)));
+            });
+        } else if run.channels == 1 {
+            let [low, high] = [run.other_low[0], run.other_high[0]];
+            let levels = run.levels[0].get(run.start..).unwrap_or_default();
+            let mut cells = levels.iter().zip(cells);
+            self.each::<BLOCKS>(costs, |_, first, costs| {
+                let others = (low.get(first..), high.get(first..));
+                if let (Some((&level, cell)), (Some(low), Some(high))) = (cells.next(), others) {
+                    weigh_with_levels(costs, cell, level, [low, high], &weights);
+                }
+            });
+        } else {
+            self.each::<BLOCKS>(costs, |x, first, costs| {
+                let mut means = [0; MAX_BLOCKS * LANES];
+                if let (Some(cell), Some(means)) = (cells.next(), means.get_mut(..costs.len())) {
+                    mean_differences(run, x, first, means);
+                    // A difference is one from level 0.
+                    weigh_with_levels(costs, cell, 0, [means, means], &weights);
+                }
+            });
         }
     }
 }
@@ -72,13 +168,16 @@ fn is_within(run: &CostRun<'_>, pixels: usize, stride: usize) -> bool {
         end <= planes.stride && planes.bytes.len() >= bytes * planes.stride
     };
     let input_end = run.start + pixels;
+    let have = |rows: &[&[u8]; MAX_CHANNELS], end: usize| {
+        rows.iter().take(run.channels).all(|row| row.len() >= end)
+    };
     let has_levels = run.difference_weight_q4 == 0
-        || run.channels == 1
-            && run.levels[0].len() >= input_end
-            && run.other_low[0].len() >= stored_end
-            && run.other_high[0].len() >= stored_end;
+        || have(&run.levels, input_end)
+            && have(&run.other_low, stored_end)
+            && have(&run.other_high, stored_end);
     pixels > 0
-        && (1..=PART).contains(&bytes)
+        && bytes > 0
+        && [1, MAX_CHANNELS].contains(&run.channels)
         && run.first_position + 1 >= pixels
         && has(&run.inputs, input_end)
         && run.stored.count == bytes
@@ -87,20 +186,25 @@ fn is_within(run: &CostRun<'_>, pixels: usize, stride: usize) -> bool {
         && has_levels
 }
 
-/// Writes how many cells of the bytes `bytes` of pixel `x`'s pattern differ from those of the patterns from
+/// Writes how many cells, at most 255, of the bytes `bytes` of pixel `x`'s pattern differ from those of the patterns from
 /// `first` on, as many as `counts` has.
 #[inline(always)]
-fn count(run: &CostRun<'_>, bytes: Range<usize>, x: usize, first: usize, counts: &mut [u8]) {
-    let (input, is_masked) = (run.start + x, run.masks.count > 0);
-    let blocks = counts.len() / LANES;
+fn count<const BLOCKS: usize, const MASKED: bool>(
+    run: &CostRun<'_>,
+    bytes: Range<usize>,
+    x: usize,
+    first: usize,
+    counts: &mut [u8],
+) {
+    let input = run.start + x;
     let ends_within = |planes: &Planes<'_>, position: usize| {
         bytes.end * planes.stride - planes.stride + position <= planes.bytes.len()
     };
-    debug_assert!((1..=PART).contains(&bytes.len()));
-    debug_assert!(counts.len().is_multiple_of(LANES) && (1..=MAX_BLOCKS).contains(&blocks));
+    debug_assert!(!bytes.is_empty());
+    debug_assert!((1..=MAX_BLOCKS).contains(&BLOCKS) && counts.len() == BLOCKS * LANES);
     debug_assert!(ends_within(&run.inputs, input + 1));
     debug_assert!(ends_within(&run.stored, first + counts.len()));
-    debug_assert!(!is_masked || ends_within(&run.masks, x + 1));
+    debug_assert!(!MASKED || ends_within(&run.masks, x + 1));
     let at = |planes: &Planes<'_>, position: usize| {
         let first = bytes.start * planes.stride + position;
         planes.bytes.as_ptr().wrapping_add(first)
@@ -112,7 +216,7 @@ fn count(run: &CostRun<'_>, bytes: Range<usize>, x: usize, first: usize, counts:
                 "veor q6, q6, q4\n",
                 $($mask, "\n",)*
                 "vldrb.u8 q7, [{ones}, q6]\n",
-                "vadd.i8 ", $sum, ", ", $sum, ", q7",
+                "vqadd.u8 ", $sum, ", ", $sum, ", q7",
             )
         };
     }
@@ -158,7 +262,7 @@ fn count(run: &CostRun<'_>, bytes: Range<usize>, x: usize, first: usize, counts:
     // SAFETY: as asserted, each byte of the pixel's pattern and mask, and the vectors of the patterns from the first
     // on, are within their planes; the counts have as many vectors; and the table has 256 bytes.
     unsafe {
-        match (is_masked, blocks) {
+        match (MASKED, BLOCKS) {
             (true, 1) => count_blocks!(masked: ("", "q0")),
             (true, 2) => count_blocks!(masked: ("", "q0"), (", #16", "q1")),
             (true, 3) => count_blocks!(masked: ("", "q0"), (", #16", "q1"), (", #32", "q2")),
@@ -197,7 +301,7 @@ impl Weights {
 ///
 /// The high byte of a cost per cell times the count is a whole cost; of the low byte's the rounded high half is.
 #[inline(always)]
-fn weigh(costs: &mut [u8], cell_cost_q8: u16, truncation: u8) {
+fn weigh(costs: &mut [u8], (cell_cost_q8, truncation): (u16, u8)) {
     debug_assert!(costs.len().is_multiple_of(LANES) && !costs.is_empty());
     // SAFETY: as asserted, there are whole vectors of costs.
     unsafe {
@@ -221,20 +325,18 @@ fn weigh(costs: &mut [u8], cell_cost_q8: u16, truncation: u8) {
     }
 }
 
-/// [`weigh`], and adds the weighted difference of the levels of pixel `x` from those of the other view from `first` on.
+/// [`weigh`], and adds the weighted difference of a level from the levels of the other view, of which the lowest
+/// and the highest that count as equal are given.
 #[inline(always)]
 fn weigh_with_levels(
-    run: &CostRun<'_>,
-    x: usize,
-    first: usize,
     costs: &mut [u8],
     (cell_cost_q8, truncation): (u16, u8),
+    level: u8,
+    [low, high]: [&[u8]; 2],
     weights: &Weights,
 ) {
     debug_assert!(costs.len().is_multiple_of(LANES) && !costs.is_empty());
-    debug_assert!(run.other_low[0].len() >= first + costs.len());
-    debug_assert!(run.other_high[0].len() >= first + costs.len());
-    let level = run.levels[0].get(run.start + x).copied().unwrap_or(0);
+    debug_assert!(low.len() >= costs.len() && high.len() >= costs.len());
     // SAFETY: as asserted, there are whole vectors of costs, and as many levels of the other view.
     unsafe {
         vector_asm!(
@@ -266,11 +368,162 @@ fn weigh_with_levels(
             whole = in(reg) weights.whole,
             blocks = in(reg) costs.len() / LANES,
             costs = inout(reg) costs.as_mut_ptr() => _,
-            low = inout(reg) run.other_low[0].as_ptr().wrapping_add(first) => _,
-            high = inout(reg) run.other_high[0].as_ptr().wrapping_add(first) => _,
+            low = inout(reg) low.as_ptr() => _,
+            high = inout(reg) high.as_ptr() => _,
             level = in(reg) u32::from(level),
             cell_cost = inout(reg) u32::from(cell_cost_q8) => _,
             truncation = in(reg) u32::from(truncation),
         );
+    }
+}
+
+/// Writes the means of the differences of the three levels of pixel `x` from those of the other view from `first` on, as
+/// many as `means` has.
+fn mean_differences(run: &CostRun<'_>, x: usize, first: usize, means: &mut [u8]) {
+    let end = first + means.len();
+    debug_assert!(means.len().is_multiple_of(LANES) && !means.is_empty());
+    debug_assert!(run.other_low.iter().all(|row| row.len() >= end));
+    debug_assert!(run.other_high.iter().all(|row| row.len() >= end));
+    let own = run.levels.iter().rev();
+    let own = own.map(|levels| levels.get(run.start + x).copied().unwrap_or(0));
+    let own = own.fold(0, |all, level| all << 8 | u32::from(level));
+    let [low, high] = [run.other_low, run.other_high]
+        .map(|rows| rows.map(|row| row.as_ptr().wrapping_add(first)));
+    macro_rules! difference {
+        ($low:literal, $high:literal, $own:literal) => {
+            concat!(
+                "vldrb.u8 q4, [",
+                $low,
+                "], #16\n",
+                "vldrb.u8 q5, [",
+                $high,
+                "], #16\n",
+                "vqsub.u8 q4, q4, ",
+                $own,
+                "\n",
+                "vqsub.u8 q5, ",
+                $own,
+                ", q5\n",
+                "vorr q4, q4, q5",
+            )
+        };
+    }
+    // SAFETY: as asserted, there are whole vectors of means, and as many levels of the other view.
+    unsafe {
+        vector_asm!(
+            "vdup.8 q0, {own}",
+            "lsr {own}, {own}, #8",
+            "vdup.8 q1, {own}",
+            "lsr {own}, {own}, #8",
+            "vdup.8 q2, {own}",
+            // 85 / 256 is a third.
+            "vmov.i8 q3, #85",
+            "dls lr, {blocks}",
+            "2:",
+            difference!("{low0}", "{high0}", "q0"),
+            "vmullb.u8 q6, q4, q3",
+            "vmullt.u8 q7, q4, q3",
+            difference!("{low1}", "{high1}", "q1"),
+            "vmullb.u8 q5, q4, q3",
+            "vadd.i16 q6, q6, q5",
+            "vmullt.u8 q5, q4, q3",
+            "vadd.i16 q7, q7, q5",
+            difference!("{low2}", "{high2}", "q2"),
+            "vmullb.u8 q5, q4, q3",
+            "vadd.i16 q6, q6, q5",
+            "vmullt.u8 q5, q4, q3",
+            "vadd.i16 q7, q7, q5",
+            "vshrnb.i16 q4, q6, #8",
+            "vshrnt.i16 q4, q7, #8",
+            "vstrb.8 q4, [{means}], #16",
+            "le lr, 2b";
+            blocks = in(reg) means.len() / LANES,
+            own = inout(reg) own => _,
+            low0 = inout(reg) low[0] => _,
+            low1 = inout(reg) low[1] => _,
+            low2 = inout(reg) low[2] => _,
+            high0 = inout(reg) high[0] => _,
+            high1 = inout(reg) high[1] => _,
+            high2 = inout(reg) high[2] => _,
+            means = inout(reg) means.as_mut_ptr() => _,
+        );
+    }
+}
+
+/// Writes the costs of patterns of more bytes than a count of 8 bits takes.
+#[inline(always)]
+fn weigh_parts<const BLOCKS: usize, const MASKED: bool>(
+    run: &CostRun<'_>,
+    x: usize,
+    first: usize,
+    costs: &mut [u8],
+    cell: (u16, u8),
+) {
+    let bytes = run.inputs.count;
+    let mut sums = Sums([0; _]);
+    for start in (0..bytes).step_by(PART) {
+        count::<BLOCKS, MASKED>(run, start..bytes.min(start + PART), x, first, costs);
+        sums.add(costs);
+    }
+    sums.weigh(costs, cell);
+}
+
+/// Counts of 16 bits: of each sixteen, those of the even ones, then those of the odd ones.
+struct Sums([u16; MAX_BLOCKS * LANES]);
+
+impl Sums {
+    #[inline(always)]
+    fn add(&mut self, counts: &[u8]) {
+        debug_assert!(counts.len().is_multiple_of(LANES));
+        debug_assert!((LANES..=MAX_BLOCKS * LANES).contains(&counts.len()));
+        // SAFETY: as asserted, the counts are whole vectors, and the sums twice as many.
+        unsafe {
+            vector_asm!(
+                "dls lr, {blocks}",
+                "2:",
+                "vldrb.u8 q0, [{counts}], #16",
+                "vldrh.u16 q1, [{sums}]",
+                "vldrh.u16 q2, [{sums}, #16]",
+                "vmovlb.u8 q3, q0",
+                "vmovlt.u8 q4, q0",
+                "vadd.i16 q1, q1, q3",
+                "vadd.i16 q2, q2, q4",
+                "vstrh.16 q1, [{sums}], #16",
+                "vstrh.16 q2, [{sums}], #16",
+                "le lr, 2b";
+                blocks = in(reg) counts.len() / LANES,
+                counts = inout(reg) counts.as_ptr() => _,
+                sums = inout(reg) self.0.as_mut_ptr() => _,
+            );
+        }
+    }
+
+    /// Writes the costs of the sums.
+    #[inline(always)]
+    fn weigh(&self, costs: &mut [u8], (cell_cost_q8, truncation): (u16, u8)) {
+        debug_assert!(costs.len().is_multiple_of(LANES));
+        debug_assert!((LANES..=MAX_BLOCKS * LANES).contains(&costs.len()));
+        // SAFETY: as asserted, the costs are whole vectors, and the sums twice as many.
+        unsafe {
+            vector_asm!(
+                "vdup.8 q3, {truncation}",
+                "dls lr, {blocks}",
+                "2:",
+                "vldrh.u16 q1, [{sums}], #16",
+                "vldrh.u16 q2, [{sums}], #16",
+                "vmul.i16 q1, q1, {cell_cost}",
+                "vmul.i16 q2, q2, {cell_cost}",
+                "vrshrnb.i16 q0, q1, #8",
+                "vrshrnt.i16 q0, q2, #8",
+                "vmin.u8 q0, q0, q3",
+                "vstrb.8 q0, [{costs}], #16",
+                "le lr, 2b";
+                blocks = in(reg) costs.len() / LANES,
+                costs = inout(reg) costs.as_mut_ptr() => _,
+                sums = inout(reg) self.0.as_ptr() => _,
+                cell_cost = in(reg) u32::from(cell_cost_q8),
+                truncation = in(reg) u32::from(truncation),
+            );
+        }
     }
 }

@@ -7,10 +7,14 @@
 
 mod aggregate;
 mod cost;
+mod mask;
 mod select;
+mod weighted_median;
 
 use vgstereo_core::forward_kernels;
-use vgstereo_core::kernel::{AggregateRow, CostRun, Kernels};
+use vgstereo_core::kernel::{
+    AggregateRow, CostRun, Kernels, MaskBlock, Portable, WeightedMedianRow,
+};
 
 use crate::armv7em::Armv7em;
 
@@ -42,9 +46,15 @@ pub struct Helium;
 impl Kernels for Helium {
     const FUSES_SELECTION: bool = false;
 
-    forward_kernels!(set => &Armv7em; luma_row, channel_row, resample_row, convert_row, smooth_row,
-        pack_cells, recall_row, mask_block, penalty_row, check_row, arms_row, median9_row,
-        weighted_median_row);
+    // Of these references, the compiler makes vector code.
+    forward_kernels!(set => &Portable; luma_row, channel_row, convert_row, smooth_row, pack_cells,
+        recall_row, penalty_row, check_row, median9_row);
+    forward_kernels!(set => &Armv7em; resample_row, arms_row);
+
+    #[inline]
+    fn mask_block(&self, block: &mut MaskBlock<'_>) {
+        mask::mask_block(block);
+    }
 
     #[inline]
     fn cost_run(&self, run: &CostRun<'_>, costs: &mut [u8]) {
@@ -65,5 +75,15 @@ impl Kernels for Helium {
     fn aggregate_row(&self, row: &mut AggregateRow<'_>) {
         self.aggregate_paths(row);
         self.select_row(row);
+    }
+
+    #[inline]
+    fn weighted_median_row(
+        &self,
+        row: &WeightedMedianRow<'_>,
+        weights: &mut [u8],
+        output: &mut [i16],
+    ) {
+        weighted_median::weighted_median_row(row, weights, output);
     }
 }

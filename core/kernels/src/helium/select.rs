@@ -6,7 +6,7 @@
 
 use bytemuck::{must_cast_slice, must_cast_slice_mut};
 use vgstereo_core::disparity::STEPS_PER_PX;
-use vgstereo_core::kernel::{AggregateRow, Kernels, Portable, subpixel_step_q4};
+use vgstereo_core::kernel::{AggregateRow, Kernels, Portable, SubpixelStep};
 
 use super::{LANES, vector_asm};
 
@@ -68,39 +68,45 @@ fn select_pixels(row: &mut AggregateRow<'_>) {
     let paths = row.costs.chunks_exact(stride);
     let paths = paths.zip(row.from_right.chunks_exact(stride));
     let paths = paths.zip(row.from_above.chunks_exact(stride));
-    let outputs = row.best.iter_mut().zip(&mut *row.refined_index_q4);
-    let outputs = outputs.zip(&mut *row.margins);
     // From pixel to pixel, the position of the lowest disparity moves down by one.
-    let positions = (0..row.costs.len() / stride).rev();
-    for ((((left, right), above), ((best, refined_index_q4), margin)), position) in
-        paths.zip(outputs).zip(positions)
-    {
-        let Some(others) = others.get_mut(position..position + stride) else {
-            return;
-        };
-        let least = meet([left, right, above], others, &mut keys);
-        let (index, least) = (
-            (least % MAX_STRIDE as u32) as usize,
-            (least >> INDEX_BITS) as i16,
-        );
-        let Some(around) = keys
-            .get_mut(index..)
-            .and_then(<[u16]>::first_chunk_mut::<3>)
-        else {
-            return;
-        };
-        let sums = around.map(|key| (key >> INDEX_BITS) as i16);
-        // The best and its neighbours are no second best.
-        *around = [NO_KEY; 3];
-        let is_inside = index > 0 && index + 1 < disparities;
-        let step_q4 = if is_inside {
-            subpixel_step_q4(&row.subpixel, sums[0] - least, sums[2] - least)
-        } else {
-            0
-        };
-        *best = index as u16;
-        *refined_index_q4 = index as i16 * STEPS_PER_PX + step_q4;
-        *margin = (least_of(&keys, stride) >> INDEX_BITS) as i16 - least;
+    let positions = (0..row.best.len()).rev();
+    let mut pixels = paths.zip(positions);
+    let outputs = row.best.chunks_mut(KEYS);
+    let outputs = outputs.zip(row.refined_index_q4.chunks_mut(KEYS));
+    let outputs = outputs.zip(row.margins.chunks_mut(KEYS));
+    for ((bests, refined_q4), margins) in outputs {
+        // Rises of the neighbours of each best disparity; without two neighbours there is no step.
+        let (mut before, mut after) = ([0; KEYS], [0; KEYS]);
+        let rises = before.iter_mut().zip(&mut after);
+        let outputs = bests.iter_mut().zip(&mut *margins).zip(rises);
+        for (((best, margin), (before, after)), (((left, right), above), position)) in
+            outputs.zip(&mut pixels)
+        {
+            let Some(others) = others.get_mut(position..position + stride) else {
+                return;
+            };
+            let least = meet([left, right, above], others, &mut keys);
+            let index = (least % MAX_STRIDE as u32) as usize;
+            let least = (least >> INDEX_BITS) as i16;
+            let around = keys
+                .get_mut(index..)
+                .and_then(<[u16]>::first_chunk_mut::<3>);
+            let Some(around) = around else {
+                return;
+            };
+            if index > 0 && index + 1 < disparities {
+                *before = (around[0] >> INDEX_BITS) as i16 - least;
+                *after = (around[2] >> INDEX_BITS) as i16 - least;
+            }
+            // The best and its neighbours are no second best.
+            *around = [NO_KEY; 3];
+            *best = index as u16;
+            *margin = (least_of(&keys, stride) >> INDEX_BITS) as i16 - least;
+        }
+        let steps_q4 = steps_q4(&row.subpixel, &before, &after);
+        for ((refined_q4, &best), step_q4) in refined_q4.iter_mut().zip(&*bests).zip(steps_q4) {
+            *refined_q4 = best as i16 * STEPS_PER_PX + step_q4;
+        }
     }
     spread(row.other_best, row.best.len() + disparities - 1);
 }
@@ -169,6 +175,63 @@ fn least_of(keys: &Keys, count: usize) -> u16 {
         );
     }
     least as u16
+}
+
+/// Equals [`vgstereo_core::kernel::subpixel_steps_q4`] bit for bit.
+#[inline(always)]
+fn steps_q4(step: &SubpixelStep, before: &[i16; KEYS], after: &[i16; KEYS]) -> [i16; KEYS] {
+    // The rounded quotient is the number of odd multiples of the divisor, up to 15 times it, that 16 times the
+    // difference reaches.
+    let mut steps_q4 = [0; KEYS];
+    // SAFETY: the rises and the steps are one vector each.
+    unsafe {
+        vector_asm!(
+            "vmrs {predicate}, p0",
+            "vldrh.u16 q0, [{before}]",
+            "vldrh.u16 q1, [{after}]",
+            // q3 is the larger rise and q4 the smaller one; q7 the relief.
+            "vmax.u16 q3, q0, q1",
+            "vmin.u16 q4, q0, q1",
+            "vdup.16 q6, {relief}",
+            "vmul.i16 q7, q3, {five}",
+            "vshr.u16 q7, q7, #4",
+            "vmin.u16 q7, q7, q6",
+            "vqsub.u16 q4, q4, q7",
+            "vsub.i16 q6, q3, q7",
+            // q5 is the divisor: the larger rise alone for lines.
+            "vadd.i16 q5, q6, q4",
+            "vpt.u16 cs, q3, {lines_min}",
+            "vorrt q5, q6, q6",
+            "vsub.i16 q6, q6, q4",
+            "vshl.i16 q6, q6, #4",
+            "vmov.i16 q2, #0",
+            "vorr q7, q5, q5",
+            "vorr q3, q5, q5",
+            "vadd.i16 q5, q5, q5",
+            "mov {five}, #1",
+            "dls lr, {eight}",
+            "2:",
+            "vpt.u16 cs, q6, q7",
+            "vaddt.i16 q2, q2, {five}",
+            "vadd.i16 q7, q7, q5",
+            "le lr, 2b",
+            "vpt.i16 eq, q3, zr",
+            "vmovt.i16 q2, #0",
+            "vpt.s16 gt, q1, q0",
+            "vnegt.s16 q2, q2",
+            "vstrh.16 q2, [{steps}]",
+            "vmsr p0, {predicate}";
+            predicate = out(reg) _,
+            before = in(reg) before.as_ptr(),
+            after = in(reg) after.as_ptr(),
+            steps = in(reg) steps_q4.as_mut_ptr(),
+            relief = in(reg) u32::from(step.relief),
+            lines_min = in(reg) u32::from(step.lines_min),
+            five = inout(reg) 5 => _,
+            eight = in(reg) 8,
+        );
+    }
+    steps_q4
 }
 
 /// Replaces the keys in the upper half of `best` by matches as `sum << 16 | index` in all of it, from the first on:
