@@ -4,6 +4,8 @@
 //! least key belongs to the first of the least sums. The keys of the other view's positions stand in the
 //! upper half of where its best matches will, which take twice as much.
 
+use core::ptr;
+
 use bytemuck::{must_cast_slice, must_cast_slice_mut};
 use vgstereo_core::disparity::STEPS_PER_PX;
 use vgstereo_core::kernel::{AggregateRow, Kernels, Portable, SubpixelStep};
@@ -35,9 +37,6 @@ static INDICES: [u16; MAX_STRIDE] = {
     indices
 };
 
-/// Keys of a pixel, with one before them and one after them.
-type Keys = [u16; MAX_STRIDE + 2];
-
 /// Equals [`vgstereo_core::kernel::select_row`] bit for bit.
 pub(super) fn select_row(row: &mut AggregateRow<'_>) {
     let (stride, pixels) = (row.stride, row.best.len());
@@ -62,119 +61,157 @@ fn select_pixels(row: &mut AggregateRow<'_>) {
     let (stride, disparities) = (row.stride, row.disparities);
     let positions = row.other_best.len();
     let others: &mut [u16] = must_cast_slice_mut(row.other_best);
-    let others = &mut others[positions..];
+    let Some(others) = others.get_mut(positions..) else {
+        return;
+    };
     others.fill(NO_KEY);
-    let mut keys: Keys = [NO_KEY; _];
-    let paths = row.costs.chunks_exact(stride);
-    let paths = paths.zip(row.from_right.chunks_exact(stride));
-    let paths = paths.zip(row.from_above.chunks_exact(stride));
-    // From pixel to pixel, the position of the lowest disparity moves down by one.
-    let positions = (0..row.best.len()).rev();
-    let mut pixels = paths.zip(positions);
+    let mut group = Group {
+        blocks: stride / KEYS,
+        stride,
+        inside: disparities - 2,
+        indices: INDICES.as_ptr(),
+        before: [0; _],
+        after: [0; _],
+        best: [0; _],
+        margins: [0; _],
+        keys: [NO_KEY; _],
+    };
+    let paths = [&*row.costs, &*row.from_right, &*row.from_above];
     let outputs = row.best.chunks_mut(KEYS);
     let outputs = outputs.zip(row.refined_index_q4.chunks_mut(KEYS));
     let outputs = outputs.zip(row.margins.chunks_mut(KEYS));
-    for ((bests, refined_q4), margins) in outputs {
-        // Rises of the neighbours of each best disparity; without two neighbours there is no step.
-        let (mut before, mut after) = ([0; KEYS], [0; KEYS]);
-        let rises = before.iter_mut().zip(&mut after);
-        let outputs = bests.iter_mut().zip(&mut *margins).zip(rises);
-        for (((best, margin), (before, after)), (((left, right), above), position)) in
-            outputs.zip(&mut pixels)
-        {
-            let Some(others) = others.get_mut(position..position + stride) else {
-                return;
-            };
-            let least = meet([left, right, above], others, &mut keys);
-            let index = (least % MAX_STRIDE as u32) as usize;
-            let least = (least >> INDEX_BITS) as i16;
-            let around = keys
-                .get_mut(index..)
-                .and_then(<[u16]>::first_chunk_mut::<3>);
-            let Some(around) = around else {
-                return;
-            };
-            if index > 0 && index + 1 < disparities {
-                *before = (around[0] >> INDEX_BITS) as i16 - least;
-                *after = (around[2] >> INDEX_BITS) as i16 - least;
-            }
-            // The best and its neighbours are no second best.
-            *around = [NO_KEY; 3];
-            *best = index as u16;
-            *margin = (least_of(&keys, stride) >> INDEX_BITS) as i16 - least;
-        }
-        let steps_q4 = steps_q4(&row.subpixel, &before, &after);
-        for ((refined_q4, &best), step_q4) in refined_q4.iter_mut().zip(&*bests).zip(steps_q4) {
-            *refined_q4 = best as i16 * STEPS_PER_PX + step_q4;
+    for (((best, refined_q4), margins), first) in outputs.zip((0..).step_by(KEYS)) {
+        group.select(paths, others, first, best.len(), row.costs.len() / stride);
+        let steps_q4 = steps_q4(&row.subpixel, &group.before, &group.after);
+        let selected = group.best.iter().zip(steps_q4).zip(group.margins);
+        let outputs = best.iter_mut().zip(refined_q4).zip(margins);
+        for (((best, refined_q4), margin), ((&index, step_q4), own)) in outputs.zip(selected) {
+            *best = index;
+            *refined_q4 = index as i16 * STEPS_PER_PX + step_q4;
+            *margin = own;
         }
     }
     spread(row.other_best, row.best.len() + disparities - 1);
 }
 
-/// Writes the keys of a pixel's disparities, from the sums of its path costs; replaces those of the other view's
-/// positions that are larger; and returns the least key.
-#[inline(always)]
-fn meet(paths: [&[u8]; 3], others: &mut [u16], keys: &mut Keys) -> u32 {
-    let length = others.len();
-    debug_assert!(length.is_multiple_of(KEYS) && (KEYS..=MAX_STRIDE).contains(&length));
-    debug_assert!(paths.iter().all(|path| path.len() == length));
-    let mut least: u32 = NO_KEY.into();
-    let [left, right, above] = paths.map(<[u8]>::as_ptr);
-    // SAFETY: as asserted, the path costs, the others, the keys and the indices have as many whole vectors.
-    unsafe {
-        vector_asm!(
-            "vmov.i8 q7, #255",
-            "dls lr, {blocks}",
-            "2:",
-            "vldrb.u16 q0, [r0], #8",
-            "vldrb.u16 q1, [r1], #8",
-            "vldrb.u16 q2, [r2], #8",
-            "vadd.i16 q0, q0, q1",
-            "vldrh.u16 q3, [{indices}], #16",
-            "vadd.i16 q0, q0, q2",
-            "vldrh.u16 q4, [{others}]",
-            "vsli.16 q3, q0, #6",
-            "vmin.u16 q7, q7, q3",
-            "vstrh.16 q3, [{keys}], #16",
-            "vmin.u16 q4, q4, q3",
-            "vstrh.16 q4, [{others}], #16",
-            "le lr, 2b",
-            "vminv.u16 {least}, q7";
-            blocks = in(reg) length / KEYS,
-            indices = inout(reg) INDICES.as_ptr() => _,
-            others = inout(reg) others.as_mut_ptr() => _,
-            keys = inout(reg) keys.as_mut_ptr().add(1) => _,
-            least = inout(reg) least,
-            // Loads that widen take these registers alone as addresses.
-            inout("r0") left => _,
-            inout("r1") right => _,
-            inout("r2") above => _,
-        );
-    }
-    least
+/// Pixels that are selected for one after another, with what their loop needs; assembly addresses the fields by
+/// their order.
+#[repr(C)]
+struct Group {
+    /// Vectors of keys of a pixel.
+    blocks: usize,
+    stride: usize,
+    /// Disparities with two neighbours.
+    inside: usize,
+    indices: *const u16,
+    /// How far the sums of the best disparities' neighbours are above the least; 0 without two of them.
+    before: [i16; KEYS],
+    after: [i16; KEYS],
+    best: [u16; KEYS],
+    margins: [i16; KEYS],
+    /// Keys of a pixel, with one before them and one after them.
+    keys: [u16; MAX_STRIDE + 2],
 }
 
-/// Returns the least of the first `count` keys of a pixel.
-#[inline(always)]
-fn least_of(keys: &Keys, count: usize) -> u16 {
-    debug_assert!(count.is_multiple_of(KEYS) && (KEYS..=MAX_STRIDE).contains(&count));
-    let mut least: u32 = NO_KEY.into();
-    // SAFETY: as asserted, the keys have as many whole vectors.
-    unsafe {
-        vector_asm!(
-            "vmov.i8 q7, #255",
-            "dls lr, {blocks}",
-            "2:",
-            "vldrh.u16 q0, [{keys}], #16",
-            "vmin.u16 q7, q7, q0",
-            "le lr, 2b",
-            "vminv.u16 {least}, q7";
-            blocks = in(reg) count / KEYS,
-            keys = inout(reg) keys.as_ptr().add(1) => _,
-            least = inout(reg) least,
-        );
+impl Group {
+    /// Selects for `count` pixels of the line from `first` on, and replaces those keys of the other view's positions
+    /// that are larger. From pixel to pixel, the position of the lowest disparity moves down by one, to the first for
+    /// the last of the line's `pixels`.
+    #[inline(never)]
+    fn select(
+        &mut self,
+        paths: [&[u8]; 3],
+        others: &mut [u16],
+        first: usize,
+        count: usize,
+        pixels: usize,
+    ) {
+        let stride = self.stride;
+        debug_assert!(self.blocks * KEYS == stride && (LANES..=MAX_STRIDE).contains(&stride));
+        debug_assert!((1..=KEYS).contains(&count) && first + count <= pixels);
+        debug_assert!(paths.iter().all(|path| path.len() >= pixels * stride));
+        debug_assert!(others.len() >= pixels + stride);
+        let [left, right, above] = paths.map(|path| path.as_ptr().wrapping_add(first * stride));
+        // SAFETY: as asserted, the path costs of a pixel, the keys and the indices have as many whole vectors, as have
+        // the others from each pixel's position on; the outputs have room for all pixels; and an index, which is below
+        // the number of keys, has a key before it and one after it.
+        unsafe {
+            vector_asm!(
+                "3:",
+                "ldrd {t}, {key}, [{group}]",
+                "dls lr, {t}",
+                "ldr {t}, [{group}, #12]",
+                "add {key}, {group}, #82",
+                "vmov.i8 q7, #255",
+                "2:",
+                "vldrb.u16 q0, [r0], #8",
+                "vldrb.u16 q1, [r1], #8",
+                "vldrb.u16 q2, [r2], #8",
+                "vadd.i16 q0, q0, q1",
+                "vldrh.u16 q3, [{t}], #16",
+                "vadd.i16 q0, q0, q2",
+                "vldrh.u16 q4, [{others}]",
+                "vsli.16 q3, q0, #6",
+                "vmin.u16 q7, q7, q3",
+                "vstrh.16 q3, [{key}], #16",
+                "vmin.u16 q4, q4, q3",
+                "vstrh.16 q4, [{others}], #16",
+                "le lr, 2b",
+                "ldrd {t}, {key}, [{group}]",
+                "dls lr, {t}",
+                "sub {others}, {others}, {key}, lsl #1",
+                "sub {others}, {others}, #2",
+                "movw {least}, #65535",
+                "vminv.u16 {least}, q7",
+                "and {index}, {least}, #63",
+                "lsr {least}, {least}, #6",
+                "strh {index}, [{output}, #32]",
+                "add {key}, {group}, {index}, lsl #1",
+                "sub {index}, {index}, #1",
+                "ldr {t}, [{group}, #8]",
+                "cmp {index}, {t}",
+                "ldrh {t}, [{key}, #80]",
+                "rsb {t}, {least}, {t}, lsr #6",
+                "it cs",
+                "movcs {t}, #0",
+                "strh {t}, [{output}]",
+                "ldrh {t}, [{key}, #84]",
+                "rsb {t}, {least}, {t}, lsr #6",
+                "it cs",
+                "movcs {t}, #0",
+                "strh {t}, [{output}, #16]",
+                // The best and its neighbours are no second best.
+                "mov {t}, #-1",
+                "str {t}, [{key}, #80]",
+                "strh {t}, [{key}, #84]",
+                "add {key}, {group}, #82",
+                "vmov.i8 q7, #255",
+                "2:",
+                "vldrh.u16 q0, [{key}], #16",
+                "vmin.u16 q7, q7, q0",
+                "le lr, 2b",
+                "movw {index}, #65535",
+                "vminv.u16 {index}, q7",
+                "rsb {index}, {least}, {index}, lsr #6",
+                "strh {index}, [{output}, #48]",
+                "add {output}, {output}, #2",
+                "cmp {output}, {end}",
+                "bne 3b";
+                group = in(reg) ptr::from_mut(self),
+                output = inout(reg) self.before.as_mut_ptr() => _,
+                end = in(reg) self.before.as_ptr().wrapping_add(count),
+                others = inout(reg) others.as_mut_ptr().wrapping_add(pixels - 1 - first) => _,
+                t = out(reg) _,
+                key = out(reg) _,
+                least = out(reg) _,
+                index = out(reg) _,
+                // Loads that widen take these registers alone as addresses.
+                inout("r0") left => _,
+                inout("r1") right => _,
+                inout("r2") above => _,
+            );
+        }
     }
-    least as u16
 }
 
 /// Equals [`vgstereo_core::kernel::subpixel_steps_q4`] bit for bit.
