@@ -43,7 +43,7 @@ const CRATES: [Layers; 6] = [
         rooms: &[
             &["cases"],
             &["aarch64", "armv7em", "x86_64"],
-            &["rv32", "native"],
+            &["helium", "rv32", "native"],
         ],
         allowed: &[],
     },

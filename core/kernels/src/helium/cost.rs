@@ -5,6 +5,7 @@
 //! counts stand where the costs will. Then one pass makes costs of them and of the levels.
 
 use core::ops::Range;
+use core::slice;
 
 use vgstereo_core::kernel::{
     CostRun, Kernels, MAX_CHANNELS, NO_COST, Planes, Portable, cost_stride,
@@ -77,87 +78,234 @@ impl Rows<'_> {
     fn fill<const BLOCKS: usize, const MASKED: bool>(self, costs: &mut [u8]) {
         let run = self.run;
         let bytes = run.inputs.count;
+        let pixels = costs.len() / self.stride;
+        let Some(costs) = costs.get_mut(self.start..) else {
+            return;
+        };
+        // A count beyond a byte is the largest byte, which suffices where that costs the most already.
+        let suffices =
+            |(&cost_q8, &most): (&u16, &u8)| (u32::from(cost_q8) * 255 + 128) >> 8 >= most.into();
         let cells = run.cell_costs_q8.iter().zip(run.truncations);
-        let cells = cells.map(|(&cost_q8, &most)| (cost_q8, most));
-        if bytes <= PART {
-            self.each::<BLOCKS>(costs, |x, first, counts| {
-                count::<BLOCKS, MASKED>(run, 0..bytes, x, first, counts);
-            });
-            self.weigh_rows::<BLOCKS>(costs, cells);
+        if bytes <= PART || cells.clone().all(suffices) {
+            self.count::<BLOCKS, MASKED>(0..bytes, 0..pixels, costs);
+            self.weigh::<BLOCKS>(0..pixels, run.cell_costs_q8, run.truncations, costs);
             return;
         }
-        // A count beyond a byte is the largest byte, which suffices where that costs the most already.
-        let counts_suffice =
-            |(cost_q8, most): (u16, u8)| (u32::from(cost_q8) * 255 + 128) >> 8 >= most.into();
-        let mut own = cells.clone();
-        self.each::<BLOCKS>(costs, |x, first, counts| {
-            let cell = own.next().unwrap_or((0, 0));
-            if counts_suffice(cell) {
-                count::<BLOCKS, MASKED>(run, 0..bytes, x, first, counts);
+        for (x, (&cost_q8, &most)) in (0..pixels).zip(cells) {
+            let Some(costs) = costs.get_mut(x * self.stride..) else {
+                return;
+            };
+            let cost_q8 = if suffices((&cost_q8, &most)) {
+                self.count::<BLOCKS, MASKED>(0..bytes, x..x + 1, costs);
+                cost_q8
             } else {
-                weigh_parts::<BLOCKS, MASKED>(run, x, first, counts, cell);
-            }
-        });
-        // Where costs stand already, each is one.
-        let weighed = |(cost_q8, most)| match counts_suffice((cost_q8, most)) {
-            true => (cost_q8, most),
-            false => (1 << 8, most),
-        };
-        self.weigh_rows::<BLOCKS>(costs, cells.map(weighed));
-    }
-
-    /// Calls `body` for each pixel of the run, with its number, the position of its first disparity here, and the
-    /// places of the costs.
-    #[inline(always)]
-    fn each<const BLOCKS: usize>(
-        &self,
-        costs: &mut [u8],
-        mut body: impl FnMut(usize, usize, &mut [u8]),
-    ) {
-        let first = self.run.first_position + self.start;
-        let rows = costs.chunks_exact_mut(self.stride);
-        for (x, costs) in rows.enumerate() {
-            if let Some(costs) = costs.get_mut(self.start..self.start + BLOCKS * LANES) {
-                body(x, first - x, costs);
-            }
+                self.weigh_parts::<BLOCKS, MASKED>(x, (cost_q8, most), costs);
+                // What stands there are costs: one each.
+                1 << 8
+            };
+            self.weigh::<BLOCKS>(x..x + 1, &[cost_q8], &[most], costs);
         }
     }
 
-    /// Replaces counts of differing cells by costs. `cells` has the cost of a cell, 1/256, and the largest cost of
-    /// all of them, of each pixel.
+    /// Replaces counts of differing cells by costs, for pixels of which `costs` begins with the first one's.
     #[inline(always)]
-    fn weigh_rows<const BLOCKS: usize>(
+    fn weigh<const BLOCKS: usize>(
         &self,
+        pixels: Range<usize>,
+        cell_costs_q8: &[u16],
+        truncations: &[u8],
         costs: &mut [u8],
-        mut cells: impl Iterator<Item = (u16, u8)>,
     ) {
         let run = self.run;
-        let weights = Weights::new(run);
-        if run.difference_weight_q4 == 0 {
-            self.each::<BLOCKS>(costs, |_, _, costs| {
-                weigh(costs, cells.next().unwrap_or((0, 0)));
-            });
-        } else if run.channels == 1 {
-            let [low, high] = [run.other_low[0], run.other_high[0]];
-            let levels = run.levels[0].get(run.start..).unwrap_or_default();
-            let mut cells = levels.iter().zip(cells);
-            self.each::<BLOCKS>(costs, |_, first, costs| {
-                let others = (low.get(first..), high.get(first..));
-                if let (Some((&level, cell)), (Some(low), Some(high))) = (cells.next(), others) {
-                    weigh_with_levels(costs, cell, level, [low, high], &weights);
-                }
-            });
-        } else {
-            self.each::<BLOCKS>(costs, |x, first, costs| {
-                let mut means = [0; MAX_BLOCKS * LANES];
-                if let (Some(cell), Some(means)) = (cells.next(), means.get_mut(..costs.len())) {
-                    mean_differences(run, x, first, means);
-                    // A difference is one from level 0.
-                    weigh_with_levels(costs, cell, 0, [means, means], &weights);
-                }
-            });
+        let first = run.first_position + self.start - pixels.start;
+        if run.difference_weight_q4 > 0 && run.channels == 1 {
+            let levels = run.levels[0].get(run.start + pixels.start..);
+            let low = run.other_low[0].get((first + 1).saturating_sub(pixels.len())..);
+            let high = run.other_high[0].get((first + 1).saturating_sub(pixels.len())..);
+            if let (Some(levels), Some(low), Some(high)) = (levels, low, high) {
+                let weighing = Weighing {
+                    cell_costs_q8,
+                    truncations,
+                    levels,
+                    others: [low, high],
+                };
+                weighing.weigh::<BLOCKS>(run, self.stride, costs);
+            }
+            return;
+        }
+        let cells = cell_costs_q8.iter().zip(truncations);
+        for (index, (cost_q8, most)) in (0..pixels.len()).zip(cells) {
+            let at = index * self.stride;
+            let Some(costs) = costs.get_mut(at..at + BLOCKS * LANES) else {
+                return;
+            };
+            if run.difference_weight_q4 == 0 {
+                weigh(costs, (*cost_q8, *most));
+                continue;
+            }
+            let mut means = [0; MAX_BLOCKS * LANES];
+            let Some(means) = means.get_mut(..costs.len()) else {
+                return;
+            };
+            mean_differences(run, pixels.start + index, first - index, means);
+            // A difference is one from level 0.
+            let weighing = Weighing {
+                cell_costs_q8: slice::from_ref(cost_q8),
+                truncations: slice::from_ref(most),
+                levels: &[0],
+                others: [means, means],
+            };
+            weighing.weigh::<BLOCKS>(run, self.stride, costs);
         }
     }
+
+    /// Writes how many cells, at most 255, of the bytes `bytes` of the pixels' patterns differ from those of the other
+    /// view's patterns. `counts` begins with the first pixel's.
+    #[inline(always)]
+    fn count<const BLOCKS: usize, const MASKED: bool>(
+        &self,
+        bytes: Range<usize>,
+        pixels: Range<usize>,
+        counts: &mut [u8],
+    ) {
+        let run = self.run;
+        let first = run.first_position + self.start - pixels.start;
+        let ends_within = |planes: &Planes<'_>, end: usize| {
+            bytes.end * planes.stride - planes.stride + end <= planes.bytes.len()
+        };
+        debug_assert!(!bytes.is_empty() && !pixels.is_empty());
+        debug_assert!((1..=MAX_BLOCKS).contains(&BLOCKS) && BLOCKS * LANES <= self.stride);
+        debug_assert!(counts.len() >= (pixels.len() - 1) * self.stride + BLOCKS * LANES);
+        debug_assert!(ends_within(&run.inputs, run.start + pixels.end));
+        debug_assert!(ends_within(&run.stored, first + BLOCKS * LANES));
+        debug_assert!(first + 1 >= pixels.len());
+        debug_assert!(!MASKED || ends_within(&run.masks, pixels.end));
+        let at = |planes: &Planes<'_>, position: usize| {
+            let first = bytes.start * planes.stride + position;
+            planes.bytes.as_ptr().wrapping_add(first)
+        };
+        let past = |planes: &Planes<'_>| bytes.len() * planes.stride;
+        // From a pixel to the next, the patterns and masks are one further, and the other view's one less.
+        let steps = Steps {
+            bytes: bytes.len(),
+            counts: self.stride,
+            inputs: past(&run.inputs).wrapping_sub(1),
+            stored: past(&run.stored).wrapping_add(1),
+            masks: past(&run.masks).wrapping_sub(1),
+        };
+        macro_rules! add_ones {
+            ($others:literal, $sum:literal, [$($mask:literal,)*]) => {
+                concat!(
+                    "vldrb.u8 q6, [{stored}", $others, "]\n",
+                    "veor q6, q6, q4\n",
+                    $($mask, "\n",)*
+                    "vldrb.u8 q7, [{ones}, q6]\n",
+                    "vqadd.u8 ", $sum, ", ", $sum, ", q7",
+                )
+            };
+        }
+        // For each block, the ones of the differing cells are added up in a register of its own.
+        macro_rules! count_blocks {
+            (masked: $(($others:literal, $sum:literal)),+) => {
+                count_blocks!(@
+                    ["ldrb {byte}, [{mask}]", "add {mask}, {mask}, {mask_stride}", "vdup.8 q5, {byte}",],
+                    ["vand q6, q6, q5",],
+                    ["ldr {byte}, [{steps}, #16]", "sub {mask}, {mask}, {byte}",],
+                    $(($others, $sum)),+;
+                    mask = inout(reg) at(&run.masks, pixels.start) => _,
+                    mask_stride = in(reg) run.masks.stride,
+                )
+            };
+            (all: $(($others:literal, $sum:literal)),+) => {
+                count_blocks!(@ [], [], [], $(($others, $sum)),+;)
+            };
+            (@ [$($load:literal,)*], $mask:tt, [$($step:literal,)*], $(($others:literal, $sum:literal)),+;
+                $($operands:tt)*) => {
+                vector_asm!(
+                    "3:",
+                    "ldr {byte}, [{steps}]",
+                    "dls lr, {byte}",
+                    $(concat!("vmov.i8 ", $sum, ", #0"),)+
+                    "2:",
+                    "ldrb {byte}, [{input}]",
+                    "add {input}, {input}, {input_stride}",
+                    "vdup.8 q4, {byte}",
+                    $($load,)*
+                    $(add_ones!($others, $sum, $mask),)+
+                    "add {stored}, {stored}, {stored_stride}",
+                    "le lr, 2b",
+                    $(concat!("vstrb.8 ", $sum, ", [{counts}", $others, "]"),)+
+                    "ldr {byte}, [{steps}, #4]",
+                    "add {counts}, {counts}, {byte}",
+                    "ldr {byte}, [{steps}, #8]",
+                    "sub {input}, {input}, {byte}",
+                    "ldr {byte}, [{steps}, #12]",
+                    "sub {stored}, {stored}, {byte}",
+                    $($step,)*
+                    "subs {pixels}, {pixels}, #1",
+                    "bne 3b";
+                    $($operands)*
+                    steps = in(reg) &raw const steps,
+                    pixels = inout(reg) pixels.len() => _,
+                    byte = out(reg) _,
+                    input = inout(reg) at(&run.inputs, run.start + pixels.start) => _,
+                    input_stride = in(reg) run.inputs.stride,
+                    stored = inout(reg) at(&run.stored, first) => _,
+                    stored_stride = in(reg) run.stored.stride,
+                    ones = in(reg) ONES.as_ptr(),
+                    counts = inout(reg) counts.as_mut_ptr() => _,
+                )
+            };
+        }
+        // SAFETY: as asserted, each byte of the pixels' patterns and masks, and the vectors of the other view's patterns
+        // from the last pixel's on, are within their planes; the counts have as many vectors; and the table has 256
+        // bytes.
+        unsafe {
+            match (MASKED, BLOCKS) {
+                (true, 1) => count_blocks!(masked: ("", "q0")),
+                (true, 2) => count_blocks!(masked: ("", "q0"), (", #16", "q1")),
+                (true, 3) => count_blocks!(masked: ("", "q0"), (", #16", "q1"), (", #32", "q2")),
+                (true, _) => {
+                    count_blocks!(masked: ("", "q0"), (", #16", "q1"), (", #32", "q2"), (", #48", "q3"));
+                }
+                (false, 1) => count_blocks!(all: ("", "q0")),
+                (false, 2) => count_blocks!(all: ("", "q0"), (", #16", "q1")),
+                (false, 3) => count_blocks!(all: ("", "q0"), (", #16", "q1"), (", #32", "q2")),
+                (false, _) => {
+                    count_blocks!(all: ("", "q0"), (", #16", "q1"), (", #32", "q2"), (", #48", "q3"));
+                }
+            }
+        }
+    }
+
+    /// Writes the costs of a pixel's pattern of more cells than a count of 8 bits takes.
+    #[inline(always)]
+    fn weigh_parts<const BLOCKS: usize, const MASKED: bool>(
+        &self,
+        x: usize,
+        cell: (u16, u8),
+        costs: &mut [u8],
+    ) {
+        let bytes = self.run.inputs.count;
+        let mut sums = Sums([0; _]);
+        for start in (0..bytes).step_by(PART) {
+            self.count::<BLOCKS, MASKED>(start..bytes.min(start + PART), x..x + 1, costs);
+            sums.add(costs.get(..BLOCKS * LANES).unwrap_or_default());
+        }
+        sums.weigh(costs.get_mut(..BLOCKS * LANES).unwrap_or_default(), cell);
+    }
+}
+
+/// How far a pass over the bytes of patterns goes, and from pixel to pixel; assembly addresses the fields by their
+/// order.
+#[repr(C)]
+struct Steps {
+    bytes: usize,
+    counts: usize,
+    /// Bytes back from behind a pixel's last plane to the next pixel.
+    inputs: usize,
+    stored: usize,
+    masks: usize,
 }
 
 /// Whether this code takes the run: all that it loads for `pixels` pixels of `stride` disparities stands in the
@@ -184,117 +332,6 @@ fn is_within(run: &CostRun<'_>, pixels: usize, stride: usize) -> bool {
         && has(&run.stored, stored_end)
         && (run.masks.count == 0 || run.masks.count == bytes && has(&run.masks, pixels))
         && has_levels
-}
-
-/// Writes how many cells, at most 255, of the bytes `bytes` of pixel `x`'s pattern differ from those of the patterns from
-/// `first` on, as many as `counts` has.
-#[inline(always)]
-fn count<const BLOCKS: usize, const MASKED: bool>(
-    run: &CostRun<'_>,
-    bytes: Range<usize>,
-    x: usize,
-    first: usize,
-    counts: &mut [u8],
-) {
-    let input = run.start + x;
-    let ends_within = |planes: &Planes<'_>, position: usize| {
-        bytes.end * planes.stride - planes.stride + position <= planes.bytes.len()
-    };
-    debug_assert!(!bytes.is_empty());
-    debug_assert!((1..=MAX_BLOCKS).contains(&BLOCKS) && counts.len() == BLOCKS * LANES);
-    debug_assert!(ends_within(&run.inputs, input + 1));
-    debug_assert!(ends_within(&run.stored, first + counts.len()));
-    debug_assert!(!MASKED || ends_within(&run.masks, x + 1));
-    let at = |planes: &Planes<'_>, position: usize| {
-        let first = bytes.start * planes.stride + position;
-        planes.bytes.as_ptr().wrapping_add(first)
-    };
-    macro_rules! add_ones {
-        ($others:literal, $sum:literal, [$($mask:literal,)*]) => {
-            concat!(
-                "vldrb.u8 q6, [{stored}", $others, "]\n",
-                "veor q6, q6, q4\n",
-                $($mask, "\n",)*
-                "vldrb.u8 q7, [{ones}, q6]\n",
-                "vqadd.u8 ", $sum, ", ", $sum, ", q7",
-            )
-        };
-    }
-    // For each block, the ones of the differing cells are added up in a register of its own.
-    macro_rules! count_blocks {
-        (masked: $(($others:literal, $sum:literal)),+) => {
-            count_blocks!(@
-                ["ldrb {byte}, [{mask}]", "add {mask}, {mask}, {mask_stride}", "vdup.8 q5, {byte}",],
-                ["vand q6, q6, q5",],
-                $(($others, $sum)),+;
-                mask = inout(reg) at(&run.masks, x) => _,
-                mask_stride = in(reg) run.masks.stride,
-            )
-        };
-        (all: $(($others:literal, $sum:literal)),+) => {
-            count_blocks!(@ [], [], $(($others, $sum)),+;)
-        };
-        (@ [$($load:literal,)*], $mask:tt, $(($others:literal, $sum:literal)),+; $($operands:tt)*) => {
-            vector_asm!(
-                $(concat!("vmov.i8 ", $sum, ", #0"),)+
-                "dls lr, {bytes}",
-                "2:",
-                "ldrb {byte}, [{input}]",
-                "add {input}, {input}, {input_stride}",
-                "vdup.8 q4, {byte}",
-                $($load,)*
-                $(add_ones!($others, $sum, $mask),)+
-                "add {stored}, {stored}, {stored_stride}",
-                "le lr, 2b"
-                $(, concat!("vstrb.8 ", $sum, ", [{counts}", $others, "]"))+;
-                $($operands)*
-                bytes = in(reg) bytes.len(),
-                byte = out(reg) _,
-                input = inout(reg) at(&run.inputs, input) => _,
-                input_stride = in(reg) run.inputs.stride,
-                stored = inout(reg) at(&run.stored, first) => _,
-                stored_stride = in(reg) run.stored.stride,
-                ones = in(reg) ONES.as_ptr(),
-                counts = in(reg) counts.as_mut_ptr(),
-            )
-        };
-    }
-    // SAFETY: as asserted, each byte of the pixel's pattern and mask, and the vectors of the patterns from the first
-    // on, are within their planes; the counts have as many vectors; and the table has 256 bytes.
-    unsafe {
-        match (MASKED, BLOCKS) {
-            (true, 1) => count_blocks!(masked: ("", "q0")),
-            (true, 2) => count_blocks!(masked: ("", "q0"), (", #16", "q1")),
-            (true, 3) => count_blocks!(masked: ("", "q0"), (", #16", "q1"), (", #32", "q2")),
-            (true, _) => {
-                count_blocks!(masked: ("", "q0"), (", #16", "q1"), (", #32", "q2"), (", #48", "q3"));
-            }
-            (false, 1) => count_blocks!(all: ("", "q0")),
-            (false, 2) => count_blocks!(all: ("", "q0"), (", #16", "q1")),
-            (false, 3) => count_blocks!(all: ("", "q0"), (", #16", "q1"), (", #32", "q2")),
-            (false, _) => {
-                count_blocks!(all: ("", "q0"), (", #16", "q1"), (", #32", "q2"), (", #48", "q3"));
-            }
-        }
-    }
-}
-
-/// What the levels of a run weigh.
-struct Weights {
-    /// Vectors of the largest difference that counts, and of the part of the weight below one, 1/256.
-    vectors: [[u8; LANES]; 2],
-    /// The whole part of the weight.
-    whole: u32,
-}
-
-impl Weights {
-    fn new(run: &CostRun<'_>) -> Self {
-        let weight_q4 = run.difference_weight_q4;
-        Self {
-            vectors: [run.difference_truncation, weight_q4 % 16 * 16].map(|byte| [byte; _]),
-            whole: (weight_q4 / 16).into(),
-        }
-    }
 }
 
 /// Replaces counts of differing cells by their costs.
@@ -325,55 +362,84 @@ fn weigh(costs: &mut [u8], (cell_cost_q8, truncation): (u16, u8)) {
     }
 }
 
-/// [`weigh`], and adds the weighted difference of a level from the levels of the other view, of which the lowest
-/// and the highest that count as equal are given.
-#[inline(always)]
-fn weigh_with_levels(
-    costs: &mut [u8],
-    (cell_cost_q8, truncation): (u16, u8),
-    level: u8,
-    [low, high]: [&[u8]; 2],
-    weights: &Weights,
-) {
-    debug_assert!(costs.len().is_multiple_of(LANES) && !costs.is_empty());
-    debug_assert!(low.len() >= costs.len() && high.len() >= costs.len());
-    // SAFETY: as asserted, there are whole vectors of costs, and as many levels of the other view.
-    unsafe {
-        vector_asm!(
-            "vldrb.u8 q3, [{weights}]",
-            "vldrb.u8 q4, [{weights}, #16]",
-            "vdup.8 q0, {cell_cost}",
-            "lsr {cell_cost}, {cell_cost}, #8",
-            "vdup.8 q1, {truncation}",
-            "vdup.8 q2, {level}",
-            "dls lr, {blocks}",
-            "2:",
-            "vldrb.u8 q5, [{costs}]",
-            "vrmulh.u8 q6, q5, q0",
-            "vmla.u8 q6, q5, {cell_cost}",
-            "vmin.u8 q6, q6, q1",
-            // How far the level is outside of what counts as equal: one of the two differences is 0.
-            "vldrb.u8 q5, [{low}], #16",
-            "vqsub.u8 q5, q5, q2",
-            "vldrb.u8 q7, [{high}], #16",
-            "vqsub.u8 q7, q2, q7",
-            "vorr q5, q5, q7",
-            "vmin.u8 q5, q5, q3",
-            "vmulh.u8 q7, q5, q4",
-            "vmla.u8 q7, q5, {whole}",
-            "vqadd.u8 q6, q6, q7",
-            "vstrb.8 q6, [{costs}], #16",
-            "le lr, 2b";
-            weights = in(reg) weights.vectors.as_ptr(),
-            whole = in(reg) weights.whole,
-            blocks = in(reg) costs.len() / LANES,
-            costs = inout(reg) costs.as_mut_ptr() => _,
-            low = inout(reg) low.as_ptr() => _,
-            high = inout(reg) high.as_ptr() => _,
-            level = in(reg) u32::from(level),
-            cell_cost = inout(reg) u32::from(cell_cost_q8) => _,
-            truncation = in(reg) u32::from(truncation),
+/// What the costs of some pixels follow from, besides the counts of differing cells.
+struct Weighing<'a> {
+    cell_costs_q8: &'a [u16],
+    truncations: &'a [u8],
+    levels: &'a [u8],
+    /// Lowest and highest levels of the other view that count as equal, from the last pixel's first disparity on.
+    others: [&'a [u8]; 2],
+}
+
+impl Weighing<'_> {
+    /// [`weigh`] for each pixel, and adds the weighted differences of the levels from those of the other view.
+    #[inline(always)]
+    fn weigh<const BLOCKS: usize>(&self, run: &CostRun<'_>, stride: usize, costs: &mut [u8]) {
+        let pixels = self.cell_costs_q8.len();
+        let pixels = pixels.min(self.truncations.len()).min(self.levels.len());
+        let [low, high] = self.others;
+        debug_assert!(pixels > 0 && BLOCKS > 0 && BLOCKS * LANES <= stride);
+        debug_assert!(low.len() >= pixels - 1 + BLOCKS * LANES && high.len() >= low.len());
+        debug_assert!(costs.len() >= (pixels - 1) * stride + BLOCKS * LANES);
+        let first = |others: &[u8]| others.as_ptr().wrapping_add(pixels - 1);
+        // The whole part of the weight, and the rest, 1/256.
+        let (whole, rest) = (
+            run.difference_weight_q4 / 16,
+            run.difference_weight_q4 % 16 * 16,
         );
+        // SAFETY: as asserted, there are whole vectors of costs, and as many levels of the other view from each pixel's
+        // first disparity on, which is one less from pixel to pixel.
+        unsafe {
+            vector_asm!(
+                "vdup.8 q3, {t}",
+                "vdup.8 q4, {cell_cost}",
+                "3:",
+                "ldrh {cell_cost}, [{cell_costs}], #2",
+                "ldrb {t}, [{truncations}], #1",
+                "vdup.8 q0, {cell_cost}",
+                "lsr {cell_cost}, {cell_cost}, #8",
+                "vdup.8 q1, {t}",
+                "ldrb {t}, [{levels}], #1",
+                "vdup.8 q2, {t}",
+                "mov {t}, #{blocks}",
+                "dls lr, {t}",
+                "2:",
+                "vldrb.u8 q5, [{costs}]",
+                "vrmulh.u8 q6, q5, q0",
+                "vmla.u8 q6, q5, {cell_cost}",
+                "vmin.u8 q6, q6, q1",
+                // How far the level is outside of what counts as equal: one of the two differences is 0.
+                "vldrb.u8 q5, [{low}], #16",
+                "vqsub.u8 q5, q5, q2",
+                "vldrb.u8 q7, [{high}], #16",
+                "vqsub.u8 q7, q2, q7",
+                "vorr q5, q5, q7",
+                "vmin.u8 q5, q5, q3",
+                "vmulh.u8 q7, q5, q4",
+                "vmla.u8 q7, q5, {whole}",
+                "vqadd.u8 q6, q6, q7",
+                "vstrb.8 q6, [{costs}], #16",
+                "le lr, 2b",
+                "sub {low}, {low}, #{step}",
+                "sub {high}, {high}, #{step}",
+                "add {costs}, {costs}, {beyond}",
+                "subs {pixels}, {pixels}, #1",
+                "bne 3b";
+                blocks = const BLOCKS,
+                step = const BLOCKS * LANES + 1,
+                pixels = inout(reg) pixels => _,
+                cell_costs = inout(reg) self.cell_costs_q8.as_ptr() => _,
+                truncations = inout(reg) self.truncations.as_ptr() => _,
+                levels = inout(reg) self.levels.as_ptr() => _,
+                low = inout(reg) first(low) => _,
+                high = inout(reg) first(high) => _,
+                costs = inout(reg) costs.as_mut_ptr() => _,
+                beyond = in(reg) stride - BLOCKS * LANES,
+                whole = in(reg) u32::from(whole),
+                t = inout(reg) u32::from(run.difference_truncation) => _,
+                cell_cost = inout(reg) u32::from(rest) => _,
+            );
+        }
     }
 }
 
@@ -448,24 +514,6 @@ fn mean_differences(run: &CostRun<'_>, x: usize, first: usize, means: &mut [u8])
             means = inout(reg) means.as_mut_ptr() => _,
         );
     }
-}
-
-/// Writes the costs of patterns of more bytes than a count of 8 bits takes.
-#[inline(always)]
-fn weigh_parts<const BLOCKS: usize, const MASKED: bool>(
-    run: &CostRun<'_>,
-    x: usize,
-    first: usize,
-    costs: &mut [u8],
-    cell: (u16, u8),
-) {
-    let bytes = run.inputs.count;
-    let mut sums = Sums([0; _]);
-    for start in (0..bytes).step_by(PART) {
-        count::<BLOCKS, MASKED>(run, start..bytes.min(start + PART), x, first, costs);
-        sums.add(costs);
-    }
-    sums.weigh(costs, cell);
 }
 
 /// Counts of 16 bits: of each sixteen, those of the even ones, then those of the odd ones.

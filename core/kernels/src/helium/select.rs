@@ -80,16 +80,12 @@ fn select_pixels(row: &mut AggregateRow<'_>) {
     let outputs = row.best.chunks_mut(KEYS);
     let outputs = outputs.zip(row.refined_index_q4.chunks_mut(KEYS));
     let outputs = outputs.zip(row.margins.chunks_mut(KEYS));
-    for (((best, refined_q4), margins), first) in outputs.zip((0..).step_by(KEYS)) {
+    for (((best, refined), margins), first) in outputs.zip((0..).step_by(KEYS)) {
         group.select(paths, others, first, best.len(), row.costs.len() / stride);
-        let steps_q4 = steps_q4(&row.subpixel, &group.before, &group.after);
-        let selected = group.best.iter().zip(steps_q4).zip(group.margins);
-        let outputs = best.iter_mut().zip(refined_q4).zip(margins);
-        for (((best, refined_q4), margin), ((&index, step_q4), own)) in outputs.zip(selected) {
-            *best = index;
-            *refined_q4 = index as i16 * STEPS_PER_PX + step_q4;
-            *margin = own;
-        }
+        let refined_q4 = refined_q4(&row.subpixel, &group);
+        write(best, &group.best);
+        write(refined, &refined_q4);
+        write(margins, &group.margins);
     }
     spread(row.other_best, row.best.len() + disparities - 1);
 }
@@ -214,13 +210,26 @@ impl Group {
     }
 }
 
-/// Equals [`vgstereo_core::kernel::subpixel_steps_q4`] bit for bit.
+/// Copies a vector, or the first of its values where there is room for fewer.
 #[inline(always)]
-fn steps_q4(step: &SubpixelStep, before: &[i16; KEYS], after: &[i16; KEYS]) -> [i16; KEYS] {
+fn write<T: Copy>(output: &mut [T], values: &[T; KEYS]) {
+    if let Some(output) = output.first_chunk_mut() {
+        *output = *values;
+    } else {
+        for (output, value) in output.iter_mut().zip(values) {
+            *output = *value;
+        }
+    }
+}
+
+/// Returns the best disparities with the steps of [`vgstereo_core::kernel::subpixel_steps_q4`], 1/16 px.
+#[inline(always)]
+fn refined_q4(step: &SubpixelStep, group: &Group) -> [i16; KEYS] {
+    const { assert!(STEPS_PER_PX == 1 << 4) };
     // The rounded quotient is the number of odd multiples of the divisor, up to 15 times it, that 16 times the
     // difference reaches.
-    let mut steps_q4 = [0; KEYS];
-    // SAFETY: the rises and the steps are one vector each.
+    let mut refined_q4 = [0; KEYS];
+    // SAFETY: the rises and all else are one vector each.
     unsafe {
         vector_asm!(
             "vmrs {predicate}, p0",
@@ -256,19 +265,23 @@ fn steps_q4(step: &SubpixelStep, before: &[i16; KEYS], after: &[i16; KEYS]) -> [
             "vmovt.i16 q2, #0",
             "vpt.s16 gt, q1, q0",
             "vnegt.s16 q2, q2",
-            "vstrh.16 q2, [{steps}]",
+            "vldrh.u16 q0, [{best}]",
+            "vshl.i16 q0, q0, #4",
+            "vadd.i16 q2, q2, q0",
+            "vstrh.16 q2, [{refined}]",
             "vmsr p0, {predicate}";
             predicate = out(reg) _,
-            before = in(reg) before.as_ptr(),
-            after = in(reg) after.as_ptr(),
-            steps = in(reg) steps_q4.as_mut_ptr(),
+            before = in(reg) group.before.as_ptr(),
+            after = in(reg) group.after.as_ptr(),
+            best = in(reg) group.best.as_ptr(),
+            refined = in(reg) refined_q4.as_mut_ptr(),
             relief = in(reg) u32::from(step.relief),
             lines_min = in(reg) u32::from(step.lines_min),
             five = inout(reg) 5 => _,
             eight = in(reg) 8,
         );
     }
-    steps_q4
+    refined_q4
 }
 
 /// Replaces the keys in the upper half of `best` by matches as `sum << 16 | index` in all of it, from the first on:
