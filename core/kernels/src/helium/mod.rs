@@ -6,6 +6,7 @@
 //! them to the reference runs on an emulated board: `firmware/boards/mps3-an547-kernels`.
 
 mod aggregate;
+mod arms;
 mod cost;
 mod mask;
 mod select;
@@ -13,7 +14,7 @@ mod weighted_median;
 
 use vgstereo_core::forward_kernels;
 use vgstereo_core::kernel::{
-    AggregateRow, CostRun, Kernels, MaskBlock, Portable, WeightedMedianRow,
+    AggregateRow, ArmsRow, CostRun, Kernels, MaskBlock, Portable, WeightedMedianRow,
 };
 
 use crate::armv7em::Armv7em;
@@ -49,7 +50,7 @@ impl Kernels for Helium {
     // Of these references, the compiler makes vector code.
     forward_kernels!(set => &Portable; luma_row, channel_row, convert_row, smooth_row, pack_cells,
         recall_row, penalty_row, check_row, median9_row);
-    forward_kernels!(set => &Armv7em; resample_row, arms_row);
+    forward_kernels!(set => &Armv7em; resample_row);
 
     #[inline]
     fn mask_block(&self, block: &mut MaskBlock<'_>) {
@@ -75,6 +76,11 @@ impl Kernels for Helium {
     fn aggregate_row(&self, row: &mut AggregateRow<'_>) {
         self.aggregate_paths(row);
         self.select_row(row);
+    }
+
+    #[inline]
+    fn arms_row(&self, row: &ArmsRow<'_>, scratch: &mut [u8], arms: &mut [i16]) {
+        arms::arms_row(row, scratch, arms);
     }
 
     #[inline]
