@@ -27,8 +27,11 @@ pub(super) fn aggregate_paths(row: &mut AggregateRow<'_>) {
     }
     row.paths.fill(u8::MAX);
     let guarded = stride + 2 * GUARD;
-    let (previous, rest) = row.paths.split_at_mut(guarded);
-    let (current, above) = rest.split_at_mut(guarded);
+    let mut rows = row.paths.chunks_exact_mut(guarded);
+    let (Some(previous), Some(current), Some(above)) = (rows.next(), rows.next(), rows.next())
+    else {
+        return;
+    };
     let mut turns = [previous, current];
 
     let length = pixels * stride;

@@ -25,7 +25,7 @@ pub(super) fn arms_row(row: &ArmsRow<'_>, scratch: &mut [u8], arms: &mut [i16]) 
     for (levels, copy) in row
         .levels
         .iter()
-        .zip(scratch.chunks_exact_mut(padded))
+        .zip(scratch.chunks_exact_mut(padded.max(1)))
         .take(row.channels)
     {
         let copy = copy.iter_mut().skip(row.reach.into());
@@ -59,7 +59,7 @@ pub(super) fn arms_row(row: &ArmsRow<'_>, scratch: &mut [u8], arms: &mut [i16]) 
 #[inline(always)]
 fn measure(row: &ArmsRow<'_>, lines: &[u8], at: usize, arms: &mut [i16; LANES]) {
     let reach = usize::from(row.reach);
-    let length = lines.len() / row.channels;
+    let length = lines.len() / row.channels.max(1);
     debug_assert!(at >= reach && at + LANES + reach <= length);
     let near = reach / 2;
     let centre = lines.as_ptr().wrapping_add(at);

@@ -56,7 +56,7 @@ pub(super) fn cost_run(run: &CostRun<'_>, costs: &mut [u8]) {
         }
     }
     if run.disparities < stride {
-        for costs in costs.chunks_exact_mut(stride) {
+        for costs in costs.chunks_exact_mut(stride.max(1)) {
             if let Some(beyond) = costs.get_mut(run.disparities..) {
                 beyond.fill(NO_COST);
             }
@@ -78,7 +78,7 @@ impl Rows<'_> {
     fn fill<const BLOCKS: usize, const MASKED: bool>(self, costs: &mut [u8]) {
         let run = self.run;
         let bytes = run.inputs.count;
-        let pixels = costs.len() / self.stride;
+        let pixels = costs.len() / self.stride.max(1);
         let Some(costs) = costs.get_mut(self.start..) else {
             return;
         };

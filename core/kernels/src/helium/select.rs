@@ -81,7 +81,13 @@ fn select_pixels(row: &mut AggregateRow<'_>) {
     let outputs = outputs.zip(row.refined_index_q4.chunks_mut(KEYS));
     let outputs = outputs.zip(row.margins.chunks_mut(KEYS));
     for (((best, refined), margins), first) in outputs.zip((0..).step_by(KEYS)) {
-        group.select(paths, others, first, best.len(), row.costs.len() / stride);
+        group.select(
+            paths,
+            others,
+            first,
+            best.len(),
+            row.costs.len() / stride.max(1),
+        );
         let refined_q4 = refined_q4(&row.subpixel, &group);
         write(best, &group.best);
         write(refined, &refined_q4);

@@ -86,8 +86,8 @@ fn filter_block<'a>(row: &WeightedMedianRow<'a>, x: usize, weights: &mut [u8]) -
         }
     }
     let mut values = [ptr::null(); MAX_TAP_ROWS];
-    let places = row.places.chunks_exact(columns);
-    let lists = weights.chunks_exact_mut(columns * PIXELS);
+    let places = row.places.chunks_exact(columns.max(1));
+    let lists = weights.chunks_exact_mut((columns * PIXELS).max(1));
     let rows = row.values.iter().zip(&mut values).take(row.rows);
     for (index, ((own, values), (places, weights))) in rows.zip(places.zip(lists)).enumerate() {
         let of_row = |rows: &[&'a [u8]; MAX_TAP_ROWS]| rows.get(index)?.get(x..);
