@@ -3,7 +3,8 @@
 //!
 //! Every set implements [`Kernels`](vgstereo_core::kernel::Kernels) and equals the reference,
 //! [`Portable`](vgstereo_core::kernel::Portable), bit for bit. [`Armv7em`] and [`Rv32`] are for
-//! microcontrollers. [`NativeKernels`] is for programs that learn only at run time which
+//! microcontrollers, as is `Helium`, which is there where the compiler's flags name a processor with
+//! these instructions. [`NativeKernels`] is for programs that learn only at run time which
 //! instructions the processor has.
 //!
 //! Each folder holds the kernels of one instruction set; its files are named as those of

@@ -1,9 +1,9 @@
 //! Kernels for Armv8.1-M with Helium, the M-profile vector extension (MVE): Cortex-M52, M55 and M85.
 //!
 //! A vector register holds sixteen bytes. Stable Rust has no intrinsics for it, so the kernels are
-//! assembly: each block of it is one loop over the lanes of a pixel or of a row, in a function that first
-//! asserts, in debug builds, that all its loads and stores stay inside its slices. The suite that holds
-//! them to the reference runs on an emulated board: `firmware/boards/mps3-an547-kernels`.
+//! assembly: each block of it is a loop over the vectors of a pixel, or over some pixels, in a function that
+//! first asserts, in debug builds, that all its loads and stores stay inside its slices. The suite that holds
+//! them to the reference runs on an emulated board: `firmware/boards/mps3-an547-suite`.
 
 mod aggregate;
 mod arms;
@@ -23,7 +23,8 @@ use crate::armv7em::Armv7em;
 const LANES: usize = 16;
 
 /// Assembly with vector instructions: its lines, then its operands. It overwrites all vector registers,
-/// as names of them cannot be operands, and LR, in which hardware loops count.
+/// as names of them cannot be operands, and LR, in which hardware loops count. Lines that change the predicate P0,
+/// which cannot be told either, save it before and restore it after.
 macro_rules! vector_asm {
     ($($line:expr),+ ; $($operands:tt)*) => {
         core::arch::asm!(
