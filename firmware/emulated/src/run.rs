@@ -10,11 +10,12 @@ use semihosting::sys::arm_compat::sys_get_cmdline_uninit;
 use vgstereo_core::geometry::{LaserScan, Rectification, Rectifier};
 use vgstereo_core::rows::Arena;
 use vgstereo_core::{Kernels, Matcher};
+use vgstereo_firmware::camera::LinePairSource;
 use vgstereo_firmware::scripted::FaultyCamera;
 use vgstereo_firmware::session::{self, ATTEMPT_FRAMES};
 use vgstereo_firmware::sink::{BothSinks, ScanningSink};
 use vgstereo_firmware::watchdog::NoWatchdog;
-use vgstereo_firmware::{Event, Session, Statistics};
+use vgstereo_firmware::{DisparitySink, Event, Session, Statistics};
 
 use crate::camera::{self, FileCamera};
 use crate::live;
@@ -149,8 +150,8 @@ fn with_files<C: Counter, K: Kernels>(
     kernels: K,
     memories: Memories,
 ) -> Result<Report, Refusal> {
-    let matcher = matcher(request, kernels, memories.matcher)?;
-    let mut rectifier = rectifier(request, memories.calibration, matcher.kernels())?;
+    let matcher = matcher(request, kernels, memories.matcher);
+    let mut rectifier = rectifier(request, memories.calibration, kernels)?;
     let file_error = |_| Refusal("a file cannot be opened");
     let file = File::open(LINES_FILE).map_err(file_error)?;
     // No file has a time in it.
@@ -168,15 +169,12 @@ fn with_files<C: Counter, K: Kernels>(
         PacketSink::new(memories.packet, request.width(), meter),
     );
     let sink = BothSinks::new(sink, scanner(request, memories.scan)?);
-    let session = Session::rectifying(
-        camera,
-        rectifier.as_mut(),
-        matcher,
-        sink,
-        memories.lines,
-        NoWatchdog,
-    );
-    let mut session = session.map_err(|_| Refusal("the session refuses the camera"))?;
+    let mut session = session(camera, rectifier.as_mut(), matcher, sink, memories.lines);
+    // Used where it is: moved out, it would take the stack twice.
+    let session = match &mut session {
+        Ok(session) => session,
+        Err(refusal) => return Err(*refusal),
+    };
 
     let reads = request.frames.saturating_add(request.faults.len() as u32);
     let reads = reads.saturating_mul(ATTEMPT_FRAMES * request.geometry.height);
@@ -197,6 +195,20 @@ fn with_files<C: Counter, K: Kernels>(
         working_bytes: request.working_bytes() as u32,
         stack_bytes: 0,
     })
+}
+
+/// Builds the session, with the matcher if it was built. Not inlined, so that its stack, through which the matcher is moved, is free again while
+/// frames are matched.
+#[inline(never)]
+fn session<'m, C: LinePairSource, K: Kernels, S: DisparitySink>(
+    camera: C,
+    rectifier: Option<&'m mut Rectifier<'m, 'm, K>>,
+    matcher: Result<Matcher<'m, K>, Refusal>,
+    sink: S,
+    lines: &'m mut [u32],
+) -> Result<Session<'m, C, K, S>, Refusal> {
+    let session = Session::rectifying(camera, rectifier, matcher?, sink, lines, NoWatchdog);
+    session.map_err(|_| Refusal("the session refuses the camera"))
 }
 
 /// Builds the matcher. Not inlined, so that its stack is free again while frames are matched.

@@ -86,6 +86,8 @@ impl Alignment {
     }
 
     /// Takes what the frame taught, if anything, which has come to its end.
+    // Apart, so that its floating point takes no stack while rows are matched.
+    #[inline(never)]
     pub(super) fn end_frame(&mut self) {
         if self.frame.lines() == 0 {
             return;
