@@ -18,8 +18,8 @@ use vgstereo_core::kernel::{MASK_LANES, MAX_TAP_ROWS, PixelFormat, Portable};
 use vgstereo_kernels::Helium;
 use vgstereo_kernels::cases::{
     AggregateCase, ArmsCase, Case, ChannelCase, CheckCase, ConvertCase, CostCase, LumaCase,
-    MaskCase, Median9Case, PackCase, PathsCase, PenaltyCase, RecallCase, ResampleCase, SelectCase,
-    SmoothCase, WeightedMedianCase, below, byte, generator,
+    MaskCase, Median9Case, PackCase, PathsCase, PenaltyCase, RecallCase, ResampleCase, RivalsCase,
+    SelectCase, SmoothCase, WeightedMedianCase, below, byte, generator,
 };
 
 /// Number of tasks of each kernel.
@@ -196,6 +196,10 @@ fn paths() {
             case.next_row(random, cost_max)
         }
     );
+    compare!("rivals_row", |random| {
+        let (width, disparities) = (within(random, 1, 149), within(random, 1, 69));
+        RivalsCase::random(random, width, disparities)
+    });
     compare!("check_row", |random| {
         let width = within(random, 1, 79);
         CheckCase::random(random, width)
