@@ -111,8 +111,8 @@
 //! views, or up to four if so configured, which the SGM branch learns and corrects, also where it
 //! changes along the line; what a frame taught can be given to the next ([`LineOffsets`]). The core does not calibrate cameras: a
 //! [`Rectification`](geometry::Rectification) comes from elsewhere. It uses no floating point but
-//! for drawing the synapses when a matcher is built, for the angles of a scan when that is, and at
-//! most once in a line for that offset. It does not read cameras: the crate `vgstereo-firmware`
+//! for drawing the synapses when a matcher is built, for the angles of a scan when that is, and in
+//! some sums of a line for that offset. It does not read cameras: the crate `vgstereo-firmware`
 //! does, and hands their bytes over as [`Line`]s; the conversions of pixel formats are kernels.
 //!
 //! # Features

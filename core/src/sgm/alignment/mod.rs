@@ -30,6 +30,7 @@ const EVIDENCE_MIN: i64 = 30_000;
 const PRIOR: i64 = 15_000;
 /// Smallest change of the offset at either end of the line, 24/256 line: more than that uncertainty.
 const CHANGE_MIN_Q24: i64 = 24 << (OFFSET_BITS - 8);
+
 /// The running estimate of the offsets, in the stored order of the other view.
 #[derive(Debug)]
 pub(super) struct Alignment {
