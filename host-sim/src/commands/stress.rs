@@ -67,8 +67,9 @@ pub struct Stress {
     /// Print JSON.
     #[arg(long)]
     json: bool,
-    #[command(flatten)]
-    overrides: Overrides,
+    /// Any parameter by its name, as `eval` takes it, such as `method.line_offset_max_lines=4`. May be repeated.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
 }
 
 /// A kind that was asked for, with all amounts of the battery or this one.
@@ -219,10 +220,14 @@ impl Stress {
             save_scene(&folder, &scene, None).with_context(|| shown(&folder))?;
         }
         let prepared = Prepared::new(scene, self.grey)?;
+        let overrides = Overrides {
+            set: self.set.clone(),
+            ..Overrides::default()
+        };
         let measured = presets.iter().enumerate().map(|(index, preset)| {
             let output = output_of(self.sparse);
             let frames = self.frames.get();
-            let parameters = self.overrides.apply(*preset)?;
+            let parameters = overrides.apply(*preset)?;
             let matched = prepared.matched_as_frame(frames, parameters, output, 2)?;
             let bad = prepared.measure(&matched, self.threshold, self.sparse)?;
             let average = bad.average();

@@ -116,7 +116,7 @@ fn line_offsets_that_were_told_are_taken() {
         .next()
         .unwrap()
         .unwrap();
-    let [left, right] = ["im2.png", "im6.png"].map(|name| {
+    let [left, right] = ["left.png", "right.png"].map(|name| {
         let path = folder.path().join(name);
         assert!(path.exists(), "{}", path.display());
         path.to_str().unwrap().to_owned()

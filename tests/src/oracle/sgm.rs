@@ -408,7 +408,7 @@ impl Alignment {
             quarter_y
         };
         for [side_x, side_y] in [[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]] {
-            let (weight, x, y) = (62_500.0, side_x * quarter_x, middle + side_y * quarter_y);
+            let (weight, x, y) = (15_000.0, side_x * quarter_x, middle + side_y * quarter_y);
             let offset = weight * (shift + tilt * x + stretch * y);
             add(
                 weight,

@@ -5,7 +5,7 @@ use crate::rows::{LineOffsets, RowOffsets};
 
 /// Weight of what the frame began with, as a square of gradients: that offsets are still the same, in the middle
 /// of the frame and at a quarter of its width and of its height from there.
-const PRIOR: f64 = 250_000.0;
+const PRIOR: f64 = 60_000.0;
 /// One line, in units of [`LineOffsets`].
 const LINE: f64 = LineOffsets::LINE_Q24 as f64;
 
