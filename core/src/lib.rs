@@ -109,11 +109,12 @@
 //! A matcher does not rectify: its lines must be epipolar lines already, as a
 //! [`Rectifier`](geometry::Rectifier) makes them, but for an offset of up to one line between the
 //! views, or up to four if so configured, which the SGM branch learns and corrects, also where it
-//! changes along the line; what a frame taught can be given to the next ([`LineOffsets`]). The core does not calibrate cameras: a
-//! [`Rectification`](geometry::Rectification) comes from elsewhere. It uses no floating point but
-//! for drawing the synapses when a matcher is built, for the angles of a scan when that is, and in
-//! some sums of a line for that offset. It does not read cameras: the crate `vgstereo-firmware`
-//! does, and hands their bytes over as [`Line`]s; the conversions of pixel formats are kernels.
+//! changes along the line; what a frame taught can be given to the next ([`LineOffsets`]). The core
+//! does not calibrate cameras: a [`Rectification`](geometry::Rectification) comes from elsewhere. It
+//! uses no floating point but for drawing the synapses when a matcher is built, for the angles of a
+//! scan when that is, and in some sums of a line for that offset. It does not read cameras: the crate
+//! `vgstereo-firmware` does, and hands their bytes over as [`Line`]s; the conversions of pixel formats
+//! are kernels.
 //!
 //! # Features
 //!

@@ -5,7 +5,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use serde::Serialize;
-use vgstereo_core::{LineOffsets, Reference};
+use vgstereo_core::LineOffsets;
 
 use crate::line_offset::LINE_OFFSET_MAX_PX;
 
@@ -49,36 +49,6 @@ impl ViewOffsets {
             tilt_q24: q24(self.turned_degrees.to_radians().tan()),
             stretch_q24: q24(stretch),
         }
-    }
-
-    /// A line that says what the pictures showed, and how to begin with it.
-    #[must_use]
-    pub fn told(self, reference: Reference) -> String {
-        let Self {
-            lower_px,
-            turned_degrees,
-            taller_percent,
-        } = self;
-        let view = match reference {
-            Reference::Left => "right",
-            Reference::Right => "left",
-        };
-        let [low, to, tall] = [
-            if lower_px < 0.0 { "high" } else { "low" },
-            if turned_degrees < 0.0 { "rise" } else { "fall" },
-            if taller_percent < 0.0 {
-                "small"
-            } else {
-                "tall"
-            },
-        ];
-        format!(
-            "the {view} view lies {:.2} px too {low}, its lines {to} to the right by {:.2} degrees, and it is {:.2} % \
-             too {tall}: made up for as far as lines are moved; to begin with it, --line-offsets={self}",
-            lower_px.abs(),
-            turned_degrees.abs(),
-            taller_percent.abs()
-        )
     }
 }
 

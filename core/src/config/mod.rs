@@ -88,9 +88,10 @@ pub struct Config {
     /// The part of the reference view that gets disparities. Whole lines still go in: patterns
     /// near its edge look outside.
     pub region: Region,
-    /// What is known of the offsets of lines before a frame, as [`Matcher::line_offsets`](crate::Matcher::line_offsets)
-    /// of an earlier one tells it. It has no effect where lines are not moved: [`Method::Recall`], and
-    /// [`SgmParameters::line_offset_max_lines`] of 0.
+    /// By how much the lines of the other view lie too low when a frame begins, in 1/2^24 line:
+    /// [`LineOffsets::NONE`], or what [`Matcher::line_offsets`](crate::Matcher::line_offsets) has told of an earlier
+    /// frame. Lines are moved by at most [`SgmParameters::line_offset_max_lines`], and not at all by
+    /// [`Method::Recall`].
     pub line_offsets: LineOffsets,
 }
 

@@ -31,8 +31,8 @@ pub struct RivalsRow<'a> {
     pub ratio_q4: u8,
     /// Cost that is added to `ratio_q4` times the least sum.
     pub slack: u8,
-    /// By how much more per pixel that was summed up a sum between the least one and its rival is larger than a
-    /// rival's may be.
+    /// Height of what parts two rivals, as a cost per pixel of the window that is summed up: a sum between the two
+    /// must be larger by this, times the number of these pixels, than a rival's may be.
     pub rise: u8,
 }
 
@@ -41,6 +41,17 @@ impl RivalsRow<'_> {
     #[must_use]
     pub fn width(&self) -> usize {
         self.costs.len() / self.stride.max(1)
+    }
+
+    /// The sums in `scratch`, two words for each four disparities, all 0. If there is less scratch, there are sums
+    /// of as many disparities.
+    #[inline(always)]
+    pub fn sums_in<'s>(&self, scratch: &'s mut [u32]) -> &'s mut [[u32; 2]] {
+        let sums = scratch.as_chunks_mut().0;
+        let count = sums.len().min(self.disparities / LANES);
+        let sums = sums.get_mut(..count).unwrap_or_default();
+        sums.fill([0; 2]);
+        sums
     }
 
     /// The costs of a pixel that are summed up, four by four.
@@ -80,10 +91,7 @@ impl RivalsRow<'_> {
 /// two disparities; if there are fewer, as many disparities are looked at.
 #[inline(always)]
 pub fn rivals_row(row: &RivalsRow<'_>, sums: &mut [u32], rivals: &mut [u8]) {
-    let sums = sums.as_chunks_mut::<2>().0;
-    let count = sums.len().min(row.disparities / LANES);
-    let sums = sums.get_mut(..count).unwrap_or_default();
-    sums.fill([0; 2]);
+    let sums = row.sums_in(sums);
     // The pixels that are in the sums.
     let mut window = 0..0;
     for (block, rival) in rivals.iter_mut().enumerate() {

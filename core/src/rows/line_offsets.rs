@@ -1,6 +1,12 @@
 //! Line offsets: by how much the lines of one view lie lower than those of the other, all over a frame.
 
+use core::fmt;
+
 use super::moved::{OFFSET_BITS, RowOffsets};
+use crate::disparity::Reference;
+
+/// Hundredths of a degree in a radian, which is as good for tangents of small angles.
+const HUNDREDTHS_OF_A_DEGREE: i64 = 5730;
 
 /// By how much the pixels of the view that is not the reference lie too low, 1/2^24 line, as a plane: `shift +
 /// tilt (column - width / 2) + stretch line`, with `width / 2` rounded down.
@@ -36,12 +42,37 @@ impl LineOffsets {
         saturated(i64::from(self.shift_q24) + stretch_q24)
     }
 
-    /// The largest offset of lines of `width` px of a frame of `lines` lines, in either direction.
+    /// A sentence that says how the view lies that is not the reference, in the middle of frames of `lines` lines.
     #[must_use]
-    pub fn largest_q24(self, width: u16, lines: u32) -> u64 {
-        let tilt_q24 = u64::from(self.tilt_q24.unsigned_abs()) * u64::from(width / 2);
-        let middles = [0, lines].map(|line| self.shift_at_q24(line).unsigned_abs());
-        u64::from(middles.into_iter().fold(0, u32::max)) + tilt_q24
+    pub fn told(self, lines: u32, reference: Reference) -> impl fmt::Display {
+        fmt::from_fn(move |f| {
+            let hundredths = |q24: i32, unit: i64| {
+                let value = (i64::from(q24) * unit) / i64::from(Self::LINE_Q24);
+                (value < 0, Hundredths(value.unsigned_abs()))
+            };
+            let (is_higher, px) = hundredths(self.shift_at_q24(lines / 2), 100);
+            let (rises, degrees) = hundredths(self.tilt_q24, HUNDREDTHS_OF_A_DEGREE);
+            let (is_smaller, percent) = hundredths(self.stretch_q24, 10_000);
+            let view = match reference {
+                Reference::Left => "right",
+                Reference::Right => "left",
+            };
+            let [low, fall, tall] = [
+                if is_higher { "high" } else { "low" },
+                if rises { "rise" } else { "fall" },
+                if is_smaller { "small" } else { "tall" },
+            ];
+            write!(
+                f,
+                "the {view} view lies {px} px too {low}, its lines {fall} by {degrees} degrees, {percent} % too {tall}"
+            )
+        })
+    }
+
+    /// The largest offset of lines of `width` px of a frame of `lines` lines, in either direction.
+    pub(crate) fn largest_q24(self, width: usize, lines: u32) -> u64 {
+        let ends = [0, lines].map(|line| self.row(line).largest_q24(width));
+        ends.into_iter().fold(0, u64::max)
     }
 
     /// The offsets where the columns are stored from the last to the first.
@@ -74,6 +105,15 @@ impl LineOffsets {
     }
 }
 
+/// A number in hundredths, written with a point.
+struct Hundredths(u64);
+
+impl fmt::Display for Hundredths {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}.{:02}", self.0 / 100, self.0 % 100)
+    }
+}
+
 fn saturated(q24: i64) -> i32 {
     // Not `clamp`, which panics unless its bounds are in order.
     q24.min(i32::MAX.into()).max(i32::MIN.into()) as i32
@@ -82,6 +122,28 @@ fn saturated(q24: i64) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::string::ToString;
+
+    #[test]
+    fn offsets_are_told_in_the_middle_of_the_frame() {
+        // Half a line low at the first line, a turn of 1/256 and one line more in 100.
+        let offsets = LineOffsets {
+            shift_q24: 1 << 23,
+            tilt_q24: -(1 << 16),
+            stretch_q24: (1 << 24) / 100,
+        };
+        assert_eq!(
+            offsets.told(200, Reference::Left).to_string(),
+            "the right view lies 1.49 px too low, its lines rise by 0.22 degrees, 0.99 % too tall"
+        );
+        let far = LineOffsets {
+            shift_q24: i32::MIN,
+            tilt_q24: i32::MAX,
+            stretch_q24: i32::MIN,
+        };
+        let told = far.told(u32::MAX, Reference::Right).to_string();
+        assert!(told.starts_with("the left view lies 128.00 px too high"));
+    }
 
     #[test]
     fn mirrored_offsets_are_those_of_the_same_column() {

@@ -4,8 +4,8 @@
 //! newest lines of one channel, padded so that every sample of a pattern is a plain read. [`View`]
 //! keeps the newest lines of one camera: grey, colour and smoothed grey, each in a strip. A
 //! [`Line`] is the input of the matcher, and `ValidRuns` keeps
-//! what a camera saw of each. `Found` is the state of a pixel in a row of disparities. [`LineOffsets`] say how far the lines of
-//! one view lie from where they should be.
+//! what a camera saw of each. `Found` is the state of a pixel in a row of disparities.
+//! [`LineOffsets`] say how far the lines of one view lie from where they should be.
 
 mod arena;
 mod copy;

@@ -42,6 +42,12 @@ impl RowOffsets {
         (1 << 27) / (width / 2 + BLOCK_PX) as i32
     }
 
+    /// The largest offset of rows of `width` px, in either direction.
+    pub(crate) fn largest_q24(self, width: usize) -> u64 {
+        let tilt_q24 = u64::from(self.tilt_q24.unsigned_abs()) * (width / 2) as u64;
+        u64::from(self.shift_q24.unsigned_abs()) + tilt_q24
+    }
+
     /// The offset in the middle of each block of 8 px, to the nearest 1/16 line and within `reach_lines`.
     fn blocks_q4(self, width: usize, reach_lines: usize) -> impl Iterator<Item = i32> {
         const BELOW_BITS: u32 = OFFSET_BITS - 4;

@@ -212,11 +212,10 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         stored(learned, self.plan.width, self.reference)
     }
 
-    /// Forgets the frame; the next ones begin with these offsets.
+    /// Lets frames begin with these offsets, after a reset.
     pub(crate) fn set_line_offsets(&mut self, offsets: LineOffsets) {
         let offsets = stored(offsets, self.plan.width, self.reference);
         self.alignment.begin_with(offsets);
-        self.reset();
     }
 
     /// Takes what the frame taught, whose rows are all done.

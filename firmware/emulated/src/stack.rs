@@ -34,6 +34,22 @@ impl Stack {
         Self { bottom, top }
     }
 
+    /// Paints the free part of the main stack, whose bounds cortex-m-rt defines.
+    ///
+    /// # Safety
+    /// The caller runs on that stack, nothing else is stored there, and no interrupt uses it during the call.
+    #[cfg(all(target_arch = "arm", target_os = "none"))]
+    #[must_use]
+    #[inline(always)]
+    pub unsafe fn paint_main() -> Self {
+        unsafe extern "C" {
+            static mut _stack_end: u32;
+            static mut _stack_start: u32;
+        }
+        // SAFETY: the linker defines the bounds; the rest, the caller promises.
+        unsafe { Self::paint(&raw mut _stack_end, &raw mut _stack_start) }
+    }
+
     /// Largest number of bytes in use at any time since the stack was painted.
     #[must_use]
     pub fn worst_bytes(&self) -> usize {

@@ -9,12 +9,12 @@ mod port;
 mod sender;
 mod sink;
 mod store;
-mod told;
 
 pub use port::LinkPort;
 pub use store::{CalibrationStore, NoStore, RamStore, StoreError};
 
 use core::convert::Infallible;
+use core::fmt::Display;
 
 use vgstereo_core::config::{Checks, ChecksError, Output};
 use vgstereo_core::geometry::{Rectification, RectifiedCamera, Rectifier};
@@ -33,7 +33,6 @@ use crate::watchdog::Watchdog;
 use commands::{Receiver, Upload};
 use sender::Sender;
 use sink::LinkSink;
-use told::Told;
 
 /// The largest piece of a calibration that is taken, bytes.
 const PIECE_BYTES_MAX: u16 = 256;
@@ -274,27 +273,27 @@ where
     fn after(&mut self, event: Result<Event, Infallible>) -> Next {
         let Ok(event) = event;
         let counters = session_counters(self.session.statistics());
-        let shown = self.session.matcher().line_offsets();
-        let reference = self.session.matcher().config().reference;
         let sender = &mut self.session.sink_mut().sender;
         sender.session = counters;
         match event {
-            Event::FrameDone { .. } if self.told.is_some_and(|told| told != shown) => {
-                let told = Told {
-                    offsets: shown,
-                    lines: sender.hello.matched.height_lines,
-                    reference,
-                };
-                if sender.report(Some(&told)) {
-                    self.told = Some(shown);
-                }
-            }
-            Event::FrameDone { .. } => _ = sender.report(None),
+            Event::FrameDone { .. } => self.report_frame(),
             Event::Fault(fault) => _ = sender.report(Some(&fault)),
             Event::Resync { .. } => _ = sender.report(Some(&Fault::Sequence)),
             Event::Line { .. } | Event::Skipped { .. } => {}
         }
         self.serve().unwrap_or(Next::Event(event))
+    }
+
+    /// Tells the host of the frame that has ended, and how its lines lie, if that has changed and is to be told.
+    fn report_frame(&mut self) {
+        let matcher = self.session.matcher();
+        let (offsets, reference) = (matcher.line_offsets(), matcher.config().reference);
+        let is_news = self.told.is_some_and(|told| told != offsets);
+        let sender = &mut self.session.sink_mut().sender;
+        let told = offsets.told(sender.hello.matched.height_lines, reference);
+        if sender.report(is_news.then_some(&told as &dyn Display)) && is_news {
+            self.told = Some(offsets);
+        }
     }
 
     /// Carries out commands, until none has come or an answer has to wait for the port. Amid a frame it is

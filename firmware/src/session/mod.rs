@@ -64,6 +64,7 @@ pub struct Session<'m, C, K, S, W = NoWatchdog> {
     right: &'m mut [u8],
     sync: FrameSync,
     patience: Patience,
+    /// Whether frames begin with what the last whole one taught.
     keeps_line_offsets: bool,
     /// What the sink asks of the frame that was begun last.
     needs: Needs,
@@ -320,9 +321,9 @@ impl<'m, C, K: Kernels, S: DisparitySink, W: Watchdog> Session<'m, C, K, S, W> {
         Ok(())
     }
 
-    /// Lets each frame to come begin with the offsets of lines that the last whole one taught, or, as at first, with
-    /// those of the matcher's configuration at that time. For cameras that are fixed to each other: their first
-    /// lines are then in place as well. [`Matcher::line_offsets`] tells what was learned.
+    /// Lets each frame to come begin with the offsets of lines that the last whole one taught, or no longer: as at
+    /// first, frames begin with the same offsets until others are set. For cameras that are fixed to each other:
+    /// their first lines are then in place as well. [`Matcher::line_offsets`] tells what was learned.
     pub fn keep_line_offsets(&mut self, keeps: bool) {
         self.keeps_line_offsets = keeps;
     }

@@ -22,10 +22,7 @@ const NO_SUM: u16 = 1 << 15;
 /// Equals [`rivals_row`](vgstereo_core::kernel::rivals_row) bit for bit.
 #[inline(never)]
 pub(super) fn rivals_row(row: &RivalsRow<'_>, sums: &mut [u32], rivals: &mut [u8]) {
-    let sums = sums.as_chunks_mut().0;
-    let count = sums.len().min(row.disparities / 4);
-    let sums = sums.get_mut(..count).unwrap_or_default();
-    sums.fill([0; 2]);
+    let sums = row.sums_in(sums);
     // The pixels that are in the sums.
     let mut window = 0..0;
     for (block, rival) in rivals.iter_mut().enumerate() {

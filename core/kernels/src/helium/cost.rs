@@ -296,8 +296,7 @@ impl Rows<'_> {
     }
 }
 
-/// How far a pass over the bytes of patterns goes, and from pixel to pixel; assembly addresses the fields by their
-/// order.
+/// Numbers and steps, in bytes, of the loop over the bytes of patterns; assembly addresses the fields by their order.
 #[repr(C)]
 struct Steps {
     bytes: usize,
@@ -362,7 +361,7 @@ fn weigh(costs: &mut [u8], (cell_cost_q8, truncation): (u16, u8)) {
     }
 }
 
-/// What the costs of some pixels follow from, besides the counts of differing cells.
+/// Inputs of the costs of a run of pixels, besides the numbers of their differing cells.
 struct Weighing<'a> {
     cell_costs_q8: &'a [u16],
     truncations: &'a [u8],

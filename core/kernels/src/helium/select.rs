@@ -106,7 +106,8 @@ struct Group {
     /// Disparities with two neighbours.
     inside: usize,
     indices: *const u16,
-    /// How far the sums of the best disparities' neighbours are above the least; 0 without two of them.
+    /// Sum of the disparity before the best one, less the best one's, of each pixel; 0 where the best one has not two
+    /// neighbours. `after` is that of the disparity after it.
     before: [i16; KEYS],
     after: [i16; KEYS],
     best: [u16; KEYS],

@@ -54,7 +54,8 @@ fn is_whole(row: &WeightedMedianRow<'_>, weights: &[u8], width: usize) -> bool {
         && centres.all(|levels| levels.len() >= width)
 }
 
-/// What is known of a block of pixels; assembly addresses the fields by their order.
+/// Sums and ranges of the weighted median of a block of pixels, and their levels; assembly addresses the fields by their
+/// order.
 #[repr(C)]
 struct Block {
     /// The sum of the weights.
@@ -126,7 +127,9 @@ struct Taps<'a> {
     places: &'a [u8],
 }
 
-/// Of the likeness of colour, q5, in assembly: the weight, listed and added up, and the range of values with one.
+/// Assembly of the weights of a block: the lines given compute in q5 how alike the colours of a tap and of the pixels
+/// are, 0 if not at all; from that follow the weight of the tap, which is listed and added up, and the range of the
+/// values that have a weight.
 macro_rules! weigh {
     ($($likeness:literal),+; $($operands:tt)*) => {
         vector_asm!(

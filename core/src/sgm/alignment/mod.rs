@@ -29,7 +29,7 @@ const EVIDENCE_MIN: i64 = 30_000;
 /// middle and at a quarter of the width from it.
 const PRIOR: i64 = 15_000;
 /// Smallest change of the offset at either end of the line, 24/256 line: more than that uncertainty.
-const CHANGE_MIN_Q24: i64 = 24 << (OFFSET_BITS - 8);
+const CHANGE_MIN_Q24: u64 = 24 << (OFFSET_BITS - 8);
 
 /// The running estimate of the offsets, in the stored order of the other view.
 #[derive(Debug)]
@@ -74,11 +74,10 @@ impl Alignment {
         self.frame = FrameFit::default();
     }
 
-    /// Forgets the frame; the next ones begin with these offsets.
+    /// Lets frames begin with these offsets, after a reset.
     pub(super) fn begin_with(&mut self, begun: LineOffsets) {
         self.begun = begun;
         self.learned = begun;
-        self.reset();
     }
 
     /// What the last whole frame taught, or else what frames begin with.
@@ -94,9 +93,8 @@ impl Alignment {
             return;
         }
         let fit = self.frame.fit(self.begun, self.width);
-        let width = self.width.min(u16::MAX.into()) as u16;
-        let change = fit.less(self.begun).largest_q24(width, self.frame.lines());
-        self.learned = if change < CHANGE_MIN_Q24 as u64 {
+        let change = fit.less(self.begun);
+        self.learned = if change.largest_q24(self.width, self.frame.lines()) < CHANGE_MIN_Q24 {
             self.begun
         } else {
             fit
@@ -148,13 +146,7 @@ impl Alignment {
     #[inline(never)]
     fn conclude(&mut self) {
         let change = fit(&self.sums, self.width);
-        let half = (self.width / 2) as i64;
-        let (shift, at_end) = (
-            i64::from(change.shift_q24),
-            i64::from(change.tilt_q24) * half,
-        );
-        let largest = (shift + at_end).abs().max((shift - at_end).abs());
-        if largest < CHANGE_MIN_Q24 {
+        if change.largest_q24(self.width) < CHANGE_MIN_Q24 {
             return;
         }
         self.deviation = self.bounded(self.deviation, change);
@@ -415,6 +407,7 @@ mod tests {
                 alignment.end_frame();
                 let learned = alignment.learned();
                 alignment.begin_with(learned);
+                alignment.reset();
             }
             for (x, y) in [(0, 0), (WIDTH, 0), (0, LINES), (WIDTH, LINES)] {
                 let found = at_px(alignment.learned().row(y as u32), x);

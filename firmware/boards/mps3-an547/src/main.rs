@@ -43,15 +43,10 @@ impl Counter for SystemCounter {
     }
 }
 
-unsafe extern "C" {
-    static mut _stack_end: u32;
-    static mut _stack_start: u32;
-}
-
 #[entry]
 fn main() -> ! {
-    // SAFETY: the linker defines the bounds, there is no heap, and no interrupt is enabled.
-    let stack = unsafe { Stack::paint(&raw mut _stack_end, &raw mut _stack_start) };
+    // SAFETY: there is no heap, and no interrupt is enabled.
+    let stack = unsafe { Stack::paint_main() };
     run(Board {
         name: env!("CARGO_PKG_NAME"),
         counter: SystemCounter::start(),

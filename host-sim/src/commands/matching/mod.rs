@@ -144,8 +144,8 @@ fn match_one(options: &Options, pair: &Pair) -> Result<Said> {
         "found {} % of the pixels; the rest is {rest}",
         done.found_percent()
     )?;
-    if let Some(shown) = plan.line_offsets_shown(&done.matched) {
-        writeln!(text, "{}", shown.told(plan.reference()))?;
+    if let Some(told) = plan.line_offsets_told(&done.matched) {
+        writeln!(text, "{told}")?;
     }
     if !options.no_check {
         for hint in hints(&done.views, disparities)? {

@@ -263,9 +263,15 @@ impl Plan {
         (shown != self.config.line_offsets).then(|| ViewOffsets::of(shown, self.height))
     }
 
-    /// The view that gets the disparities.
-    pub(super) fn reference(&self) -> Reference {
-        self.config.reference
+    /// A line that says what a pair showed so, and how to begin with it.
+    pub(super) fn line_offsets_told(&self, matched: &Matched) -> Option<String> {
+        let shown = self.line_offsets_shown(matched)?;
+        let told = matched
+            .line_offsets
+            .told(self.height, self.config.reference);
+        Some(format!(
+            "{told}: made up for as far as lines are moved; to begin with it, --line-offsets={shown}"
+        ))
     }
 
     /// The disparities that are searched.

@@ -1,4 +1,4 @@
-//! Tells the linker where this board's memory description is.
+//! Tells the linker where the board's memory description is: in the folder of its package.
 
 fn main() {
     let folder = env!("CARGO_MANIFEST_DIR");
@@ -6,6 +6,6 @@ fn main() {
     println!("cargo::rerun-if-changed={folder}/memory.x");
     println!("cargo::rustc-link-arg-bins=-Tlink.x");
     println!("cargo::rustc-link-arg-bins=-Tdefmt.x");
-    // Relocations take no flash. A test finds calls of panic functions by them.
+    // Relocations take no flash. Tests find by them which function calls which.
     println!("cargo::rustc-link-arg-bins=--emit-relocs");
 }
