@@ -23,6 +23,8 @@ pub struct Board {
     pub kernel_suite: Option<&'static str>,
     /// The model of its chip; `None` for a board that has none.
     pub model: Option<Model>,
+    /// What its firmware is built for, if it is hardware in RTL that is simulated; `None` for other boards.
+    pub simulation: Option<Simulation>,
     /// Whether its memory is too small for the pairs of the benchmarks, so that it gets them
     /// in grey and half as large.
     pub is_small: bool,
@@ -54,9 +56,17 @@ pub struct Model {
     pub disparities: u16,
 }
 
+/// A board in RTL, which Verilator makes a program of: what its firmware is built for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Simulation {
+    /// The preset of the firmware.
+    pub preset: Preset,
+}
+
 const ARM_TARGET: &str = "thumbv7em-none-eabihf";
 const ARMV8M_TARGET: &str = "thumbv8m.main-none-eabihf";
 const RISCV_TARGET: &str = "riscv32imac-unknown-none-elf";
+const SOFT_CORE_TARGET: &str = "riscv32im-unknown-none-elf";
 
 /// The reference board: STM32F405, a Cortex-M4F.
 pub const STM32F405: Board = Board {
@@ -71,6 +81,7 @@ pub const STM32F405: Board = Board {
     }),
     kernel_suite: None,
     model: None,
+    simulation: None,
     is_small: true,
 };
 
@@ -87,6 +98,7 @@ pub const MPS2_AN500: Board = Board {
     }),
     kernel_suite: None,
     model: None,
+    simulation: None,
     is_small: false,
 };
 
@@ -104,6 +116,7 @@ pub const MPS3_AN547: Board = Board {
     }),
     kernel_suite: Some("mps3-an547-suite"),
     model: None,
+    simulation: None,
     is_small: false,
 };
 
@@ -127,6 +140,7 @@ pub const RISCV_VIRT: Board = Board {
     }),
     kernel_suite: None,
     model: None,
+    simulation: None,
     is_small: false,
 };
 
@@ -156,6 +170,7 @@ pub const STM32H743: Board = Board {
         size: (320, 240),
         disparities: 48,
     }),
+    simulation: None,
     is_small: false,
 };
 
@@ -169,12 +184,29 @@ pub const STM32F407: Board = Board {
     emulation: None,
     kernel_suite: None,
     model: None,
+    simulation: None,
     is_small: false,
+};
+
+/// A system on a chip of ours in RTL, with two camera ports: VexRiscv, as on an FPGA. It is simulated, cycle
+/// by cycle.
+pub const SOFTCORE: Board = Board {
+    name: "softcore",
+    folder: "softcore",
+    target: SOFT_CORE_TARGET,
+    compiler_flags: &[],
+    emulation: None,
+    kernel_suite: None,
+    model: None,
+    simulation: Some(Simulation {
+        preset: Preset::Lite,
+    }),
+    is_small: true,
 };
 
 impl Board {
     /// All boards, emulated or not.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         STM32F405,
         MPS2_AN500,
         MPS3_AN547,
@@ -182,6 +214,7 @@ impl Board {
         RISCV_VIRT_ZBB,
         STM32H743,
         STM32F407,
+        SOFTCORE,
     ];
 
     /// Returns all boards that are emulated.
@@ -196,10 +229,16 @@ impl Board {
         all.filter(|board| board.model.is_some())
     }
 
+    /// Returns all boards in RTL, which are simulated.
+    pub fn simulated() -> impl Iterator<Item = Self> {
+        let all = Self::ALL.into_iter();
+        all.filter(|board| board.simulation.is_some())
+    }
+
     /// Returns all boards that are sold, emulated in no QEMU.
     pub fn real() -> impl Iterator<Item = Self> {
         let all = Self::ALL.into_iter();
-        all.filter(|board| board.emulation.is_none())
+        all.filter(|board| board.emulation.is_none() && board.simulation.is_none())
     }
 
     /// Returns how the board is emulated.
@@ -210,13 +249,14 @@ impl Board {
         self.emulation.ok_or(NotEmulated {
             board: self.name,
             is_modelled: self.model.is_some(),
+            is_simulated: self.simulation.is_some(),
         })
     }
 
-    /// Returns whether the firmware can run on this machine: emulated, or on a model of the chip.
+    /// Returns whether the firmware can run on this machine: emulated, on a model of the chip, or simulated.
     #[must_use]
     pub fn is_executed(&self) -> bool {
-        self.emulation.is_some() || self.model.is_some()
+        self.emulation.is_some() || self.model.is_some() || self.simulation.is_some()
     }
 }
 
@@ -227,11 +267,20 @@ pub struct NotEmulated {
     pub board: &'static str,
     /// Whether there is a model of its chip.
     pub is_modelled: bool,
+    /// Whether it is hardware in RTL.
+    pub is_simulated: bool,
 }
 
 impl fmt::Display for NotEmulated {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let name = self.board;
+        if self.is_simulated {
+            return write!(
+                f,
+                "{name} is simulated and not emulated in QEMU; of cargo firmware build, lint, size, run, \
+                 verify and bench take it"
+            );
+        }
         let takers = if self.is_modelled {
             "build, lint, size, run and verify"
         } else {

@@ -86,3 +86,72 @@ pub(crate) fn calls<'data, 'file>(
     }
     Ok(calls)
 }
+
+/// What linked firmware loads into memory.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Image(Vec<(u64, Vec<u8>)>);
+
+impl Image {
+    /// Reads the segments of a linked file, each with the address that it is loaded to.
+    ///
+    /// # Errors
+    /// Fails when the file cannot be read or is not the firmware of a board.
+    pub fn read(path: &Path) -> Result<Self> {
+        let bytes =
+            std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+        let file: ElfFile32 = ElfFile32::parse(&*bytes)
+            .with_context(|| format!("{} is not a 32-bit ELF file", path.display()))?;
+        let endian = file.endian();
+        let segments = file.elf_header().program_headers(endian, &*bytes)?;
+        let loaded = segments.iter().filter(|s| s.p_type(endian) == PT_LOAD);
+        let loaded = loaded.map(|segment| {
+            let data = segment.data(endian, &*bytes);
+            let data =
+                data.map_err(|()| anyhow::anyhow!("a segment of {} is cut off", path.display()))?;
+            Ok((segment.p_paddr(endian).into(), data.to_vec()))
+        });
+        loaded.collect::<Result<_>>().map(Self)
+    }
+
+    /// Returns what is loaded from this address on, at most as many bytes, with zeros between segments,
+    /// in whole words.
+    ///
+    /// # Errors
+    /// Fails when a segment is partly outside of this range.
+    pub fn bytes(&self, start: u64, length: u64) -> Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        for (address, segment) in &self.0 {
+            let end = address + segment.len() as u64;
+            if segment.is_empty() || *address >= start + length || end <= start {
+                continue;
+            }
+            anyhow::ensure!(
+                *address >= start && end <= start + length,
+                "what is loaded from {address:#x} on does not fit its memory"
+            );
+            let first = usize::try_from(address - start)?;
+            let last = first + segment.len();
+            if bytes.len() < last {
+                bytes.resize(last.next_multiple_of(4), 0);
+            }
+            if let Some(place) = bytes.get_mut(first..last) {
+                place.copy_from_slice(segment);
+            }
+        }
+        Ok(bytes)
+    }
+}
+
+/// Returns the address and the size of a symbol of linked firmware.
+///
+/// # Errors
+/// Fails when the file cannot be read, or has no such symbol.
+pub fn symbol(path: &Path, name: &str) -> Result<(u64, u64)> {
+    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let file: ElfFile32 = ElfFile32::parse(&*bytes)
+        .with_context(|| format!("{} is not a 32-bit ELF file", path.display()))?;
+    let mut symbols = file.symbols();
+    let found = symbols.find(|symbol| symbol.name() == Ok(name));
+    let found = found.with_context(|| format!("{} has no {name}", path.display()))?;
+    Ok((found.address(), found.size()))
+}

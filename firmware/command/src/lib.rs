@@ -5,8 +5,9 @@
 //! emulators for them, and [`build`] builds their firmware. [`elf`], [`panics`] and [`stack`]
 //! look into the linked files, and [`log`] decodes what a board logs. [`pair`] prepares images,
 //! [`host`] matches them here, [`emulator`] runs a board on them, [`live`] one that
-//! serves the link, by way of a [`bridge`], and [`model`] the real one's firmware on a model of its chip. [`commands`] are the
-//! verbs of `cargo firmware`.
+//! serves the link, by way of a [`bridge`], [`model`] the real one's firmware on a model of its chip, and
+//! [`simulation`] the one that is hardware in RTL. [`received`] takes apart what these two send. [`commands`] are
+//! the verbs of `cargo firmware`.
 
 pub mod board;
 pub mod bridge;
@@ -20,5 +21,7 @@ pub mod log;
 pub mod model;
 pub mod pair;
 pub mod panics;
+pub mod received;
+pub mod simulation;
 pub mod stack;
 pub mod toolchain;

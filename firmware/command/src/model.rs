@@ -16,21 +16,19 @@ use serde::Deserialize;
 use vgstereo_core::DisparityRange;
 use vgstereo_firmware::camera::{ErrorKind, PixelFormat};
 use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
-use vgstereo_link::{BoardMessage, Decoder, Region};
 use wait_timeout::ChildExt;
 
 use crate::board::{Board, Model};
 use crate::host::{self, Frames};
 use crate::log;
 use crate::pair::Pair;
+use crate::received::{Received, SentFrame};
 use crate::toolchain::ModelCompiler;
 
 /// The longest times that the start of a run and each of its frames may take; a model that takes
 /// longer is considered hung.
 const LONGEST_START: Duration = Duration::from_secs(300);
 const LONGEST_FRAME: Duration = Duration::from_secs(120);
-/// Bytes of the largest packet that a board sends.
-const PACKET_BYTES_MAX: usize = 4096;
 /// The faults that the wires of the camera can have.
 const WIRE_FAULTS: [ErrorKind; 4] = [
     ErrorKind::Overrun,
@@ -53,19 +51,6 @@ pub struct Scenario {
     pub troubles: Vec<(&'static str, u64, u64)>,
     /// Time on the board after which the run ends in any case, ms.
     pub until_ms: u64,
-}
-
-/// A frame of which the board has sent the begin.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct SentFrame {
-    /// The board's number of the frame.
-    pub number: u32,
-    /// The disparities that came, 1/16 px, little-endian.
-    pub disparities: Vec<u8>,
-    /// Number of its pixels that have disparities.
-    pub pixels: usize,
-    /// Whether the board said that the frame is done, and all lines of it have come.
-    pub is_whole: bool,
 }
 
 /// What happened to the chip, as the model reports it.
@@ -277,7 +262,7 @@ pub fn run(program: &Path, firmware: &Path, pair: &Pair, scenario: &Scenario) ->
         fs::read(&path).with_context(|| format!("cannot read {}", path.display()))
     };
     Ok(Ran {
-        frames: sent_frames(&read("serial.bin")?)?,
+        frames: Received::of(&read("serial.bin")?)?.frames,
         log: log::lines(firmware, &read("log.defmt")?)?,
         report: serde_json::from_slice(&read("report.json")?)?,
     })
@@ -298,103 +283,4 @@ pub(crate) fn inputs(firmware: &Path, pair: &Pair, folder: &Path) -> Result<Vec<
         arguments.push(write("calibration.bin", bytes)?.into());
     }
     Ok(arguments)
-}
-
-/// Takes what came over the serial port apart.
-fn sent_frames(bytes: &[u8]) -> Result<Vec<SentFrame>> {
-    let mut frames: Vec<SentFrame> = vec![];
-    let mut memory = vec![0; PACKET_BYTES_MAX];
-    let mut decoder = Decoder::new(&mut memory);
-    let mut rest = bytes;
-    // A packet that the end of the run has cut off does not end.
-    while let Some(received) = decoder.next::<BoardMessage<'_>>(&mut rest) {
-        let packet = received.context("the board sent what is no packet")?;
-        match (packet.message, frames.last_mut()) {
-            (BoardMessage::FrameBegun(begun), _) => {
-                let Region {
-                    width_px,
-                    height_lines,
-                    ..
-                } = begun.region;
-                frames.push(SentFrame {
-                    number: begun.frame,
-                    pixels: usize::from(width_px) * height_lines as usize,
-                    ..SentFrame::default()
-                });
-            }
-            (BoardMessage::Disparities(line), Some(frame)) => {
-                let mut values_q4 = vec![0; line.values.count()];
-                line.values.unpack(&mut values_q4)?;
-                let bytes = values_q4.iter().flat_map(|q4| q4.to_le_bytes());
-                frame.disparities.extend(bytes);
-            }
-            (BoardMessage::FrameDone { .. }, Some(frame)) => {
-                frame.is_whole = frame.disparities.len() == 2 * frame.pixels;
-            }
-            (BoardMessage::Disparities(_) | BoardMessage::FrameDone { .. }, None) => {
-                bail!("the board sent a line before a frame")
-            }
-            _ => {}
-        }
-    }
-    Ok(frames)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use vgstereo_link::board::FrameBegun;
-    use vgstereo_link::{Encoder, Line, Reason, Values};
-
-    #[test]
-    fn frames_are_taken_apart() {
-        let begun = |frame| {
-            BoardMessage::FrameBegun(FrameBegun {
-                frame,
-                timestamp_us: 5,
-                region: Region {
-                    x_px: 0,
-                    y_lines: 0,
-                    width_px: 2,
-                    height_lines: 1,
-                },
-            })
-        };
-        let aborted = BoardMessage::FrameAborted {
-            frame: 3,
-            reason: Reason::Other,
-        };
-        let line = BoardMessage::Disparities(Line {
-            frame: 4,
-            line: 0,
-            column: 0,
-            values: Values::Plain(&[1, 0x200]),
-        });
-        let done = BoardMessage::FrameDone { frame: 4 };
-        let mut memory = [0; 512];
-        let mut encoder = Encoder::new(&mut memory);
-        let mut bytes = vec![0];
-        for message in [begun(3), aborted, begun(4), line, done] {
-            bytes.extend_from_slice(encoder.encode(0, &message).unwrap());
-        }
-        let mut expected = vec![
-            SentFrame {
-                number: 3,
-                pixels: 2,
-                ..SentFrame::default()
-            },
-            SentFrame {
-                number: 4,
-                pixels: 2,
-                disparities: vec![1, 0, 0, 2],
-                is_whole: true,
-            },
-        ];
-        assert_eq!(sent_frames(&bytes).unwrap(), expected);
-        // The run ends amid the last packet.
-        bytes.truncate(bytes.len() - 1);
-        expected[1].is_whole = false;
-        assert_eq!(sent_frames(&bytes).unwrap(), expected);
-        assert!(sent_frames(&[3, 7, 0]).is_err());
-    }
 }

@@ -130,6 +130,78 @@ impl ModelCompiler {
     }
 }
 
+/// The packages of Debian that simulate boards in RTL, and that install their processors.
+const SIMULATOR_PACKAGES: [&str; 4] = ["verilator", "g++", "make", "python3-venv"];
+
+/// What makes programs of boards in RTL.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Simulator {
+    /// The path of Verilator.
+    pub verilator: PathBuf,
+    /// The path of the processor in Verilog.
+    pub processor: PathBuf,
+}
+
+impl Simulator {
+    /// Returns the tools.
+    ///
+    /// # Errors
+    /// Fails with one line that names what is missing.
+    pub fn find() -> Result<Self> {
+        let named = |name: &str| program(name).with_context(|| format!("there is no {name}"));
+        let verilator = named("verilator")?;
+        named("g++")?;
+        named("make")?;
+        let processor = processor().context("there is no VexRiscv")?;
+        Ok(Self {
+            verilator,
+            processor,
+        })
+    }
+
+    /// The folder that boards in RTL are built in.
+    #[must_use]
+    pub fn folder() -> PathBuf {
+        crate::build::root().join("target/softcore")
+    }
+
+    /// The Python environment in which their processors are installed.
+    fn environment() -> PathBuf {
+        Self::folder().join("python")
+    }
+}
+
+/// Returns the path of the processor in Verilog, if it is installed.
+fn processor() -> Option<PathBuf> {
+    // The folder has the version of Python in its name.
+    let versions = std::fs::read_dir(Simulator::environment().join("lib")).ok()?;
+    let mut all = versions.flatten().map(|version| {
+        let packages = version.path().join("site-packages");
+        packages.join("pythondata_cpu_vexriscv/verilog/VexRiscv_FullCfu.v")
+    });
+    all.find(|path| path.is_file())
+}
+
+/// Installs the processors of boards in RTL in a Python environment of their own.
+fn install_processor() -> Result<()> {
+    let environment = Simulator::environment();
+    let requirements = crate::build::root().join("firmware/boards/softcore/requirements.txt");
+    let mut create = Command::new("python3");
+    create.args(["-m", "venv"]).arg(&environment);
+    let mut install = Command::new(environment.join("bin/pip"));
+    install
+        .args(["install", "--quiet", "--requirement"])
+        .arg(requirements);
+    for command in [&mut create, &mut install] {
+        let program = command.get_program().display().to_string();
+        // Standard output is for results.
+        let status = command.stdout(std::io::stderr()).status();
+        let status = status.with_context(|| format!("cannot run {program}"))?;
+        ensure!(status.success(), "{program} failed");
+    }
+    Ok(())
+}
+
 /// Returns the minor version that a compiler tells; `None` if there is none.
 fn minor_version(compiler: &mut Command) -> Option<u32> {
     let output = compiler.arg("--version").stderr(Stdio::null()).output();
@@ -266,6 +338,21 @@ pub fn needs(boards: &[Board]) -> Result<Vec<Need>> {
             is_optional: true,
         });
     }
+    for board in boards.iter().filter(|board| board.simulation.is_some()) {
+        let missing = Simulator::find().err();
+        needs.push(Need {
+            what: format!("Verilator and VexRiscv for {}, only to run it", board.name),
+            found: match &missing {
+                None => Some(format!("in the path, and in {}", Simulator::environment().display())),
+                Some(_) => None,
+            },
+            remedy: missing.map_or_else(String::new, |missing| {
+                format!("{missing}: install Verilator, and firmware/boards/softcore/requirements.txt in target/softcore/python")
+            }),
+            packages: SIMULATOR_PACKAGES.to_vec(),
+            is_optional: true,
+        });
+    }
     Ok(needs)
 }
 
@@ -289,22 +376,27 @@ pub fn ensure_complete(boards: &[Board]) -> Result<()> {
     )
 }
 
-/// Installs what is missing for these boards with Debian's `apt-get`.
+/// Installs what is missing for these boards with Debian's `apt-get`, and the processors of boards in RTL
+/// with `pip`.
 ///
 /// # Errors
-/// Fails when there is no `apt-get` or when it fails.
+/// Fails when there is no `apt-get` or `pip` or when one of them fails.
 pub fn install(boards: &[Board]) -> Result<()> {
     let missing = needs(boards)?
         .into_iter()
         .filter(|need| need.found.is_none());
     let packages: BTreeSet<_> = missing.flat_map(|need| need.packages).collect();
-    if packages.is_empty() {
-        return Ok(());
+    if !packages.is_empty() {
+        apt_get(&["update", "-qq"])?;
+        let mut arguments = vec!["install", "-qq", "--yes", "--no-install-recommends"];
+        arguments.extend(packages);
+        apt_get(&arguments)?;
     }
-    apt_get(&["update", "-qq"])?;
-    let mut arguments = vec!["install", "-qq", "--yes", "--no-install-recommends"];
-    arguments.extend(packages);
-    apt_get(&arguments)
+    let is_simulated = boards.iter().any(|board| board.simulation.is_some());
+    if is_simulated && processor().is_none() {
+        install_processor()?;
+    }
+    Ok(())
 }
 
 fn apt_get(arguments: &[&str]) -> Result<()> {

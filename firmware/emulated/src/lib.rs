@@ -12,22 +12,22 @@ extern crate std;
 
 use core::ffi::CStr;
 
-#[cfg(any(test, target_os = "none"))]
+#[cfg(any(test, all(target_os = "none", feature = "semihosting")))]
 mod memory;
 pub mod meter;
 pub mod report;
 pub mod request;
 pub mod serial;
 
-#[cfg(target_os = "none")]
+#[cfg(all(target_os = "none", feature = "semihosting"))]
 pub mod camera;
 #[cfg(target_os = "none")]
 pub mod cmsdk;
-#[cfg(target_os = "none")]
+#[cfg(all(target_os = "none", feature = "semihosting"))]
 mod live;
-#[cfg(target_os = "none")]
+#[cfg(all(target_os = "none", feature = "semihosting"))]
 pub mod run;
-#[cfg(target_os = "none")]
+#[cfg(all(target_os = "none", feature = "semihosting"))]
 pub mod sink;
 #[cfg(target_os = "none")]
 pub mod stack;

@@ -241,7 +241,7 @@ impl<P: LinkPort> DisparitySink for LinkSink<'_, P> {
 
     fn abort_frame(&mut self, frame: u32, fault: Fault) {
         self.sender.end_gap();
-        self.end(frame, End::Aborted(reason(fault)));
+        self.end(frame, End::Aborted(fault.into()));
     }
 }
 
@@ -259,19 +259,21 @@ fn common(a: Region, b: Region) -> Region {
     }
 }
 
-fn reason(fault: Fault) -> Reason {
-    match fault {
-        Fault::Camera(ErrorKind::Overrun) => Reason::CameraOverrun,
-        Fault::Camera(ErrorKind::SyncLost) => Reason::CameraSyncLost,
-        Fault::Camera(ErrorKind::ShortLine) => Reason::CameraShortLine,
-        Fault::Camera(ErrorKind::ShortFrame) => Reason::CameraShortFrame,
-        Fault::Camera(ErrorKind::Timeout) => Reason::CameraTimeout,
-        Fault::Camera(ErrorKind::Bus) => Reason::CameraBus,
-        Fault::Camera(_) => Reason::CameraOther,
-        Fault::Sequence => Reason::Sequence,
-        Fault::Rectifier(_) => Reason::Rectifier,
-        Fault::Matcher(_) => Reason::Matcher,
-        Fault::Sink => Reason::Sink,
-        Fault::Stopped => Reason::Stopped,
+impl From<Fault> for Reason {
+    fn from(fault: Fault) -> Self {
+        match fault {
+            Fault::Camera(ErrorKind::Overrun) => Self::CameraOverrun,
+            Fault::Camera(ErrorKind::SyncLost) => Self::CameraSyncLost,
+            Fault::Camera(ErrorKind::ShortLine) => Self::CameraShortLine,
+            Fault::Camera(ErrorKind::ShortFrame) => Self::CameraShortFrame,
+            Fault::Camera(ErrorKind::Timeout) => Self::CameraTimeout,
+            Fault::Camera(ErrorKind::Bus) => Self::CameraBus,
+            Fault::Camera(_) => Self::CameraOther,
+            Fault::Sequence => Self::Sequence,
+            Fault::Rectifier(_) => Self::Rectifier,
+            Fault::Matcher(_) => Self::Matcher,
+            Fault::Sink => Self::Sink,
+            Fault::Stopped => Self::Stopped,
+        }
     }
 }

@@ -1,28 +1,33 @@
 //! `cargo firmware bench`: instructions, RAM and flash that matching takes on emulated boards.
 
+use std::path::Path;
+
 use anyhow::{Result, ensure};
 use clap::Args;
 use rayon::prelude::*;
 use serde::{Serialize, Serializer};
 use vgstereo_core::Preset;
-use vgstereo_emulated::Request;
 use vgstereo_emulated::meter::Stage;
 use vgstereo_emulated::request::HAMMING_CELLS;
+use vgstereo_emulated::{Report, Request};
 use vgstereo_sim::tables::{kib, table};
 use vgstereo_sim::terminal::progress_bar;
 
 use super::images::Images;
-use super::selection::EmulatedSelection;
-use crate::board::{Board, MPS2_AN500, MPS3_AN547, RISCV_VIRT, RISCV_VIRT_ZBB, STM32F405};
+use super::selection::CountedSelection;
+use crate::board::{
+    Board, MPS2_AN500, MPS3_AN547, RISCV_VIRT, RISCV_VIRT_ZBB, SOFTCORE, STM32F405,
+};
 use crate::build::build;
 use crate::elf::Sizes;
 use crate::emulator::{self, Clock};
 use crate::pair::Pair;
+use crate::simulation::{self, Scenario};
 use crate::toolchain::ensure_complete;
 
 /// Cases that are measured: a board, the width and height of the views in px, the number of
 /// disparities, and the presets.
-const CASES: [(Board, u32, u32, u16, &[Preset]); 6] = [
+const CASES: [(Board, u32, u32, u16, &[Preset]); 7] = [
     (STM32F405, 160, 120, 32, &[Preset::Lite, Preset::Micro]),
     (STM32F405, 320, 240, 48, &[Preset::Lite, Preset::Micro]),
     (
@@ -41,6 +46,7 @@ const CASES: [(Board, u32, u32, u16, &[Preset]); 6] = [
     ),
     (RISCV_VIRT, 320, 240, 48, &[Preset::Lite, Preset::Micro]),
     (RISCV_VIRT_ZBB, 320, 240, 48, &[Preset::Lite, Preset::Micro]),
+    (SOFTCORE, 160, 120, 32, &[Preset::Lite]),
 ];
 
 /// The case that is run once more with raw lines, which are rectified first by resampling both views, and
@@ -56,7 +62,8 @@ const _: () = assert!(HAMMING_CELLS == 64);
 #[derive(Debug, Args)]
 #[command(
     after_help = "On the built-in scene in grey, one frame. The emulator counts instructions, not \
-    cycles; every run gives the same numbers. The counter is read before and after each call of a \
+    cycles; every run gives the same numbers. The soft core, if it is named, counts its cycles: of one frame, which \
+    takes minutes. The counter is read before and after each call of a \
     kernel: the stages sum to the total. The rows hamming-64 are of that stage alone: distances \
     of 64-bit patterns, without masks and levels, within the pipeline of lite. Frames per second = clock in Hz x instructions per \
     cycle / (instructions per pixel and disparity x width x height x disparities).\n\nWith images or a \
@@ -73,7 +80,7 @@ pub struct Bench {
     #[arg(long, value_name = "N", default_value_t = 32)]
     disparities: u16,
     #[command(flatten)]
-    selection: EmulatedSelection,
+    selection: CountedSelection,
 }
 
 /// Cost of matching views of one size with one preset on a board: instructions, RAM and flash.
@@ -95,9 +102,11 @@ pub struct Row {
     pub height: u32,
     /// The number of disparities that are searched.
     pub disparities: u16,
-    /// Instructions per pixel and disparity of one frame, without those of camera, sink and link.
+    /// What is counted: instructions, or on a simulated board cycles.
+    pub counted: &'static str,
+    /// Instructions or cycles per pixel and disparity of one frame, without those of camera, sink and link.
     pub instructions_per_pixel_disparity: f64,
-    /// The name of each stage with its instructions per pixel and disparity.
+    /// The name of each stage with its instructions or cycles per pixel and disparity.
     #[serde(serialize_with = "as_map")]
     pub stages: Vec<(&'static str, f64)>,
     /// Bytes of statics, and of the lent memory as far as matcher and session use it.
@@ -130,10 +139,16 @@ impl Bench {
         let mut cases = Vec::new();
         for board in boards {
             let firmware = build(&board)?;
-            let tasks = match &given {
+            let mut tasks = match &given {
                 Some(pair) => fitting(pair, Sizes::read(&firmware)?.lent_bytes)?,
                 None => built_in(&board)?,
             };
+            if let Some(built_for) = board.simulation {
+                tasks.retain(|(_, request)| {
+                    simulation::ensure_built_for(&board, &built_for, request).is_ok()
+                        && !request.hamming_alone
+                });
+            }
             cases.extend(
                 tasks
                     .into_iter()
@@ -148,8 +163,7 @@ impl Bench {
         let rows: Result<Vec<Row>> = cases
             .into_par_iter()
             .map(|(board, firmware, pair, request)| {
-                let clock = Clock::Instructions;
-                let (_, report) = emulator::run(&board, &firmware, &pair, &request, clock)?;
+                let report = counted(&board, &firmware, &pair, &request)?;
                 let sizes = Sizes::read(&firmware)?;
                 let (width, height) = pair.matched_size()?;
                 let disparities = pair.disparities.count;
@@ -178,6 +192,10 @@ impl Bench {
                     width,
                     height,
                     disparities,
+                    counted: match board.simulation {
+                        Some(_) => "cycles",
+                        None => "instructions",
+                    },
                     instructions_per_pixel_disparity: each(total),
                     stages: stages.iter().map(|&(s, n)| (s.name(), each(n))).collect(),
                     static_ram_bytes: sizes.statics_bytes + u64::from(report.working_bytes),
@@ -193,6 +211,19 @@ impl Bench {
         }
         Ok(as_text(&boards))
     }
+}
+
+/// Runs a board with its costs counted, and returns its report.
+fn counted(board: &Board, firmware: &Path, pair: &Pair, request: &Request) -> Result<Report> {
+    if board.simulation.is_some() {
+        let program = simulation::build(board)?;
+        let scenario = Scenario::default();
+        let ran = simulation::run(board, &program, firmware, pair, request, &scenario)?;
+        return Ok(ran.report);
+    }
+    let clock = Clock::Instructions;
+    let (_, report) = emulator::run(board, firmware, pair, request, clock)?;
+    Ok(report)
 }
 
 /// Returns the pairs and requests that a board is measured with unless images are named: those of [`CASES`]
@@ -302,8 +333,17 @@ fn as_text(rows: &[Row]) -> String {
         ]);
         table.add_row(cells);
     }
+    let counted = match rows {
+        [
+            Row {
+                counted: "cycles", ..
+            },
+            ..,
+        ] => "cycles",
+        _ => "instructions (not cycles)",
+    };
     format!(
-        "{table}\ninstructions (not cycles) per pixel and disparity, in all and per stage; link: besides, to pack, \
+        "{table}\n{counted} per pixel and disparity, in all and per stage; link: besides, to pack, \
          frame and check the disparities for the host; {}, grey; scan: with a laser scan of 60 bearings; raw: lines that are rectified first, {} instructions per \
          pixel for resampling both views\n",
         rows.first().map_or("", |row| row.scene.as_str()),

@@ -11,7 +11,7 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 use vgstereo_sim::terminal::write_output;
 
-use super::selection::parse_executed_board;
+use super::selection::parse_live_board;
 use super::source::{Source, ensure_fits};
 use crate::board::Board;
 use crate::bridge::Damage;
@@ -34,7 +34,7 @@ const LOOK: Duration = Duration::from_millis(100);
 pub struct Live {
     /// The board: stm32f405, mps2-an500, mps3-an547, riscv-virt, riscv-virt-zbb, or stm32h743 on its model, which takes
     /// some 15 s for a frame.
-    #[arg(long, value_name = "B", value_parser = parse_executed_board)]
+    #[arg(long, value_name = "B", value_parser = parse_live_board)]
     board: Board,
     #[command(flatten)]
     source: Source,

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use vgstereo_core::geometry::{LaserScan, Scan, ScanConfig};
+use vgstereo_emulated::Report;
 use vgstereo_emulated::request::ScanRequest;
 use vgstereo_sim::arguments::ScanOptions;
 use vgstereo_sim::disparity_files::DisparityFormat;
@@ -18,8 +19,9 @@ use crate::board::{Board, Model};
 use crate::build::build;
 use crate::emulator::{self, Clock};
 use crate::host::Frames;
-use crate::model::{self, Report, Scenario};
+use crate::model::{self, Scenario};
 use crate::pair::Pair;
+use crate::simulation;
 use crate::toolchain::ensure_complete;
 
 /// The arguments of `run`.
@@ -30,11 +32,13 @@ use crate::toolchain::ensure_complete;
     duplicated-frame, overrun, sync-error, short-line, short-frame, timeout, bus-error, \
     other-error.\n\nThe firmware of stm32h743 runs as it is flashed, on a model of the chip: lite \
     at 320x240 px in grey with 48 disparities, and faults overrun, short-line, short-frame and \
-    timeout, one in a frame.\n\nExample: cargo firmware run --board stm32f405 --scene teddy --preset micro \
+    timeout, one in a frame.\n\nThe RTL of softcore is simulated with its firmware: lite in grey, at most 160 columns, and \
+    at the pins of its cameras the faults dropped-line, lost-sync, truncated, overrun, short-line and \
+    timeout.\n\nExample: cargo firmware run --board stm32f405 --scene teddy --preset micro \
     --fault 0:20:overrun --out disparity.png"
 )]
 pub struct Run {
-    /// The board: stm32f405, mps2-an500, mps3-an547, riscv-virt, riscv-virt-zbb or stm32h743.
+    /// The board: stm32f405, mps2-an500, mps3-an547, riscv-virt, riscv-virt-zbb, stm32h743 or softcore.
     #[arg(long, value_name = "B", value_parser = parse_executed_board)]
     board: Board,
     #[command(flatten)]
@@ -61,6 +65,9 @@ impl Run {
         let format = DisparityFormat::choose(&self.out, None, pair.disparities)?;
         if let Some(model) = self.board.model {
             return self.run_modelled(&model, &pair, format);
+        }
+        if self.board.simulation.is_some() {
+            return self.run_simulated(&pair, format);
         }
         let mut request = pair.request(self.source.preset, self.frames, &self.source.faults)?;
         let scan = match &self.scan.scan {
@@ -117,6 +124,44 @@ impl Run {
         Ok(text)
     }
 
+    /// Runs the firmware of a board in RTL.
+    fn run_simulated(&self, pair: &Pair, format: DisparityFormat) -> Result<String> {
+        let name = self.board.name;
+        ensure!(
+            self.scan.scan.is_none(),
+            "--scan: the firmware of {name} sends disparities"
+        );
+        let request = pair.request(self.source.preset, self.frames, &[])?;
+        let scenario = simulation::Scenario::of(&self.source.faults)?;
+        request.config().validate()?;
+        ensure_complete(&[self.board])?;
+        let (program, firmware) = (simulation::build(&self.board)?, build(&self.board)?);
+        ensure_fits(&self.board, &firmware, pair, &request)?;
+        let ran = simulation::run(&self.board, &program, &firmware, pair, &request, &scenario)?;
+        let all_q4 = ran.frames.disparities_q4();
+        let pixels = all_q4.len() / self.frames as usize;
+        let last_q4 = all_q4.chunks_exact(pixels.max(1)).last();
+        let last_q4 = last_q4.with_context(|| format!("{name} gave no frame"))?;
+        write_files(&[(&self.out, format.encode(last_q4, pair.left.width())?)])?;
+        let Report {
+            working_bytes,
+            stack_bytes,
+            ..
+        } = ran.report;
+        let mut text = format!(
+            "{name}: {} on {} {}, {} cycles, {working_bytes} bytes of working memory, {stack_bytes} bytes of stack\n",
+            self.source.preset,
+            pair.name,
+            pair.size(),
+            ran.cycles
+        );
+        for (name, count) in ran.report.counters().filter(|&(_, count)| count > 0) {
+            writeln!(text, "{name} {count}")?;
+        }
+        writeln!(text, "wrote {}", self.out.display())?;
+        Ok(text)
+    }
+
     /// Runs a real board's firmware on the model of its chip.
     fn run_modelled(
         &self,
@@ -155,7 +200,7 @@ impl Run {
         let values = last.disparities.as_chunks().0.iter();
         let last_q4: Vec<i16> = values.map(|&bytes| i16::from_le_bytes(bytes)).collect();
         write_files(&[(&self.out, format.encode(&last_q4, pair.left.width())?)])?;
-        let Report {
+        let model::Report {
             time_ms,
             instructions,
             meals,

@@ -3,12 +3,13 @@
 use clap::Args;
 
 use crate::board::{Board, UnknownBoard};
-use crate::toolchain::ModelCompiler;
+use crate::toolchain::{ModelCompiler, Simulator};
 
 /// The option of the verbs that take one board or all boards.
 #[derive(Debug, Clone, Args)]
 pub struct Selection {
-    /// Only this board: stm32f405, mps2-an500, mps3-an547, riscv-virt, riscv-virt-zbb, stm32h743 or stm32f407.
+    /// Only this board: stm32f405, mps2-an500, mps3-an547, riscv-virt, riscv-virt-zbb, stm32h743, stm32f407 or
+    /// softcore.
     #[arg(long, value_name = "B", value_parser = parse_board)]
     board: Option<Board>,
 }
@@ -21,16 +22,16 @@ impl Selection {
     }
 }
 
-/// The option of the verbs that take one emulated board or all of them.
+/// The option of the verbs that take one board whose costs are counted, or all that are emulated.
 #[derive(Debug, Clone, Args)]
-pub struct EmulatedSelection {
-    /// Only this board: stm32f405, mps2-an500, mps3-an547, riscv-virt or riscv-virt-zbb.
-    #[arg(long, value_name = "B", value_parser = parse_emulated_board)]
+pub struct CountedSelection {
+    /// Only this board: stm32f405, mps2-an500, mps3-an547, riscv-virt, riscv-virt-zbb or softcore.
+    #[arg(long, value_name = "B", value_parser = parse_counted_board)]
     board: Option<Board>,
 }
 
-impl EmulatedSelection {
-    /// Returns the board that was named, or else all emulated boards.
+impl CountedSelection {
+    /// Returns the board that was named, or else all emulated boards: a simulated one takes minutes.
     #[must_use]
     pub fn boards(&self) -> Vec<Board> {
         self.board
@@ -41,7 +42,8 @@ impl EmulatedSelection {
 /// The option of the verbs that take one board that this machine can run or all of them.
 #[derive(Debug, Clone, Args)]
 pub struct ExecutedSelection {
-    /// Only this board: stm32f405, mps2-an500, mps3-an547, riscv-virt, riscv-virt-zbb or stm32h743.
+    /// Only this board: stm32f405, mps2-an500, mps3-an547, riscv-virt, riscv-virt-zbb, stm32h743 or
+    /// softcore.
     #[arg(long, value_name = "B", value_parser = parse_executed_board)]
     board: Option<Board>,
 }
@@ -53,15 +55,14 @@ impl ExecutedSelection {
         self.board.is_some()
     }
 
-    /// Returns the board that was named, or else all emulated boards, and the modelled ones if
-    /// their models can be built.
+    /// Returns the board that was named, or else all emulated boards, and the modelled and the simulated ones
+    /// if their models and simulations can be built.
     #[must_use]
     pub fn boards(&self) -> Vec<Board> {
         let modelled = Board::modelled().filter(|_| ModelCompiler::find().is_some());
-        self.board
-            .map_or(Board::emulated().chain(modelled).collect(), |board| {
-                vec![board]
-            })
+        let simulated = Board::simulated().filter(|_| Simulator::find().is_ok());
+        let all = Board::emulated().chain(modelled).chain(simulated);
+        self.board.map_or(all.collect(), |board| vec![board])
     }
 }
 
@@ -77,10 +78,24 @@ pub fn parse_board(name: &str) -> Result<Board, String> {
 /// Returns the board that has this name.
 ///
 /// # Errors
-/// Fails with one line when no board has the name or when the board is not emulated.
-pub fn parse_emulated_board(name: &str) -> Result<Board, String> {
+/// Fails with one line when no board has the name or when nothing is counted on it.
+pub fn parse_counted_board(name: &str) -> Result<Board, String> {
     let board = parse_board(name)?;
-    board.emulation().map_err(|error| error.to_string())?;
+    if board.simulation.is_none() {
+        board.emulation().map_err(|error| error.to_string())?;
+    }
+    Ok(board)
+}
+
+/// Returns the board that has this name.
+///
+/// # Errors
+/// Fails with one line when no board has the name or when it does not serve the link here.
+pub fn parse_live_board(name: &str) -> Result<Board, String> {
+    let board = parse_board(name)?;
+    if board.model.is_none() {
+        board.emulation().map_err(|error| error.to_string())?;
+    }
     Ok(board)
 }
 

@@ -17,8 +17,9 @@ use crate::build::build;
 use crate::elf::Sizes;
 use crate::emulator::{self, Clock};
 use crate::host;
-use crate::model::{self, Scenario};
+use crate::model;
 use crate::pair::Pair;
+use crate::simulation::{self, Scenario};
 use crate::toolchain::ensure_complete;
 
 /// The scenes that are taken from the folder `MIDDLEBURY_DIR`.
@@ -32,8 +33,10 @@ const SCENES: [&str; 4] = ["tsukuba", "venus", "teddy", "cones"];
     variable MIDDLEBURY_DIR names their folder, on Tsukuba, Venus, Teddy and Cones: \
     in grey and half as large on a small board, whole and in colour on the others.\n\nThe real \
     board runs the firmware that is flashed on a model of its chip: one frame of the built-in \
-    scene. It is left out where the model cannot be built, unless it is named.\n\nWith images or \
-    a calibration, that pair alone, in grey: on the emulated boards, and on the real one if it is \
+    scene. It is left out where the model cannot be built, unless it is named.\n\nThe soft core's RTL is simulated \
+    with its firmware, camera pins to serial port: lite on one frame of the built-in scene, which takes \
+    minutes, or with --lines on a part of it. It is left out where Verilator or its processor is missing.\n\nWith images or \
+    a calibration, that pair alone, in grey: on the emulated boards, and on the real one and the soft core if it is \
     named.\n\nExample: cargo firmware verify --board stm32f405 --left left.png --right right.png \
     --calibration cal.yaml"
 )]
@@ -71,7 +74,7 @@ impl Verify {
             boards.retain(|board| board.emulation.is_some());
         }
         ensure_complete(&boards)?;
-        let (emulated, modelled): (Vec<_>, Vec<_>) = boards
+        let (emulated, others): (Vec<_>, Vec<_>) = boards
             .into_iter()
             .partition(|board| board.emulation.is_some());
         let folder = std::env::var_os("MIDDLEBURY_DIR").map(PathBuf::from);
@@ -108,7 +111,7 @@ impl Verify {
             }
         }
         ensure!(
-            !cases.is_empty() || !modelled.is_empty(),
+            !cases.is_empty() || !others.is_empty(),
             "no preset fits the memory of these boards with this pair"
         );
         let bar = progress_bar(cases.len() as u64, "boards against the host");
@@ -137,8 +140,11 @@ impl Verify {
                 ]);
             }
         }
-        for board in modelled {
-            table.add_row(compare_modelled(&board, given.as_ref())?);
+        for board in others {
+            table.add_row(match board.model {
+                Some(_) => compare_modelled(&board, given.as_ref())?,
+                None => compare_simulated(&board, given.as_ref(), self.lines)?,
+            });
         }
         let note = match folder {
             _ if given.is_some() => "",
@@ -175,10 +181,10 @@ fn compare_modelled(board: &Board, pair: Option<&Pair>) -> Result<[String; 4]> {
     let pair = pair.map_or_else(|| model::built_in_pair(&built_for), Pair::clone);
     let expected = model::expected(&built_for, &pair)?;
     let (program, firmware) = (model::build(board)?, build(board)?);
-    let scenario = Scenario {
+    let scenario = model::Scenario {
         frames: 1,
         until_ms: 10_000,
-        ..Scenario::default()
+        ..model::Scenario::default()
     };
     let ran = model::run(&program, &firmware, &pair, &scenario)?;
     let whole = ran.frames.iter().find(|frame| frame.is_whole);
@@ -193,6 +199,45 @@ fn compare_modelled(board: &Board, pair: Option<&Pair>) -> Result<[String; 4]> {
     let resets = &ran.report.resets;
     ensure!(resets.is_empty(), "{}: resets {resets:?}", board.name);
     let name = format!("{}, modelled", board.name);
+    Ok([
+        name,
+        pair.name.clone(),
+        pair.size(),
+        built_for.preset.to_string(),
+    ])
+}
+
+/// Runs the firmware of a board in RTL on this pair, or on the built-in one, compares the frame with the
+/// host's, and returns the row of the table.
+///
+/// # Errors
+/// Fails with one line that says what differs, or what the simulation complains of.
+fn compare_simulated(
+    board: &Board,
+    pair: Option<&Pair>,
+    lines: Option<u32>,
+) -> Result<[String; 4]> {
+    let built_for = board.simulation.context("the board is simulated")?;
+    let mut pair = pair.map_or_else(|| Pair::rendered(160, 120, 32), Pair::clone);
+    if let Some(lines) = lines {
+        pair.cut(lines);
+    }
+    let request = pair.request(built_for.preset, 1, &[])?;
+    let (program, firmware) = (simulation::build(board)?, build(board)?);
+    let scenario = Scenario::default();
+    let ran = simulation::run(board, &program, &firmware, &pair, &request, &scenario)?;
+    let (host, _) = host::run(&pair, &request)?;
+    let difference = host::first_difference(&ran.frames, &host, pair.left.width());
+    ensure!(
+        difference.is_none(),
+        "{}, {} {}, {}: {}",
+        board.name,
+        pair.name,
+        pair.size(),
+        built_for.preset,
+        difference.unwrap_or_default()
+    );
+    let name = format!("{}, simulated", board.name);
     Ok([
         name,
         pair.name.clone(),

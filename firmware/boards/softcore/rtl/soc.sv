@@ -1,0 +1,132 @@
+// The system on a chip: VexRiscv, its memories, two camera ports, a serial port, a timer with a
+// watchdog, and eight LEDs. The processor caches what is below 0x8000_0000.
+//
+//  0x0000_0000  code, fetched only
+//  0x1000_0000  data
+//  0x8000_0000  serial port
+//  0x8100_0000  timer and watchdog
+//  0x8200_0000  camera ports
+//  0x8300_0000  LEDs
+module soc #(
+    parameter int CLOCK_MHZ = 48,
+    parameter int BIT_CYCLES = 16,         // of the serial port
+    parameter int CODE_WORDS = 65536,
+    parameter int DATA_WORDS = 24576,
+    parameter int CAMERA_LINES = 128,
+    parameter int CAMERA_LINE_WORDS = 40,
+    parameter CODE_FILE = "",
+    parameter DATA_FILE = ""
+) (
+    input  logic       clk, rst_n,
+    input  logic       left_pclk, left_vsync, left_href,
+    input  logic [7:0] left_d,
+    input  logic       right_pclk, right_vsync, right_href,
+    input  logic [7:0] right_d,
+    input  logic       rx,
+    output logic       tx,
+    output logic [7:0] leds,
+    // For cameras that can be held.
+    output logic       camera_has_room, camera_may_begin,
+    // The processor has asked for what is not there. It stays so.
+    output logic       bus_fault
+);
+  logic core_rst_n;
+
+  // Instructions. Each word of a burst but the first comes with the next cycle: while one is
+  // acknowledged, the memory is at the next.
+  logic code_cyc, code_stb, code_ack;
+  logic [29:0] code_adr;
+  logic [2:0] code_cti;
+  logic [31:0] code_data;
+  // Data: the same for reads. Writes are taken at once.
+  logic data_cyc, data_stb, data_we, read_ack;
+  logic [29:0] data_adr;
+  logic [2:0] data_cti;
+  logic [3:0] data_sel;
+  logic [31:0] data_out, data_in;
+  localparam logic [2:0] IN_BURST = 3'b010;
+
+  wire code_active = code_cyc && code_stb;
+  wire data_active = data_cyc && data_stb;
+  wire data_writes = data_active && data_we;
+  wire code_goes_on = code_ack && code_cti == IN_BURST;
+  wire data_goes_on = read_ack && data_cti == IN_BURST;
+  always_ff @(posedge clk) begin
+    code_ack <= core_rst_n && code_active && (!code_ack || code_goes_on);
+    read_ack <= core_rst_n && data_active && !data_we && (!read_ack || data_goes_on);
+  end
+
+  // No instructions of our own yet: what comes goes back.
+  logic cfu_valid, cfu_ready;
+  logic [31:0] cfu_value;
+  VexRiscv cpu (
+      .clk, .reset(!core_rst_n), .externalResetVector(32'h0), .timerInterrupt(1'b0),
+      .softwareInterrupt(1'b0), .externalInterruptArray(32'b0),
+      .iBusWishbone_CYC(code_cyc), .iBusWishbone_STB(code_stb), .iBusWishbone_ACK(code_ack),
+      .iBusWishbone_WE(), .iBusWishbone_ADR(code_adr), .iBusWishbone_DAT_MISO(code_data),
+      .iBusWishbone_DAT_MOSI(), .iBusWishbone_SEL(), .iBusWishbone_ERR(1'b0),
+      .iBusWishbone_CTI(code_cti), .iBusWishbone_BTE(),
+      .dBusWishbone_CYC(data_cyc), .dBusWishbone_STB(data_stb),
+      .dBusWishbone_ACK(read_ack || data_writes), .dBusWishbone_WE(data_we),
+      .dBusWishbone_ADR(data_adr), .dBusWishbone_DAT_MISO(data_in),
+      .dBusWishbone_DAT_MOSI(data_out), .dBusWishbone_SEL(data_sel), .dBusWishbone_ERR(1'b0),
+      .dBusWishbone_CTI(data_cti), .dBusWishbone_BTE(),
+      .CfuPlugin_bus_cmd_valid(cfu_valid), .CfuPlugin_bus_cmd_ready(cfu_ready),
+      .CfuPlugin_bus_cmd_payload_function_id(), .CfuPlugin_bus_cmd_payload_inputs_0(cfu_value),
+      .CfuPlugin_bus_cmd_payload_inputs_1(), .CfuPlugin_bus_rsp_valid(cfu_valid),
+      .CfuPlugin_bus_rsp_ready(cfu_ready), .CfuPlugin_bus_rsp_payload_outputs_0(cfu_value));
+
+  localparam int CODE_AT = $clog2(CODE_WORDS);
+  localparam int DATA_AT = $clog2(DATA_WORDS);
+  wire [29:0] code_word = code_goes_on ? code_adr + 1'b1 : code_adr;
+  wire [29:0] data_word = data_goes_on ? data_adr + 1'b1 : data_adr;
+  code_ram #(.WORDS(CODE_WORDS), .FILE(CODE_FILE)) program_ram (
+      .clk, .addr(code_word[CODE_AT-1:0]), .data(code_data));
+
+  wire [7:0] region = data_adr[29:22];
+  wire is_data = region == 8'h10;
+  wire is_uart = region == 8'h80;
+  wire is_timer = region == 8'h81;
+  wire is_camera = region == 8'h82;
+  wire is_leds = region == 8'h83;
+  wire reads = data_active && !data_we && !read_ack;
+  logic [7:0] region_read;
+  logic [31:0] ram_data, uart_data, timer_data, camera_data;
+
+  data_ram #(.WORDS(DATA_WORDS), .FILE(DATA_FILE)) variable_ram (
+      .clk, .addr(data_word[DATA_AT-1:0]), .write(data_writes && is_data), .bytes(data_sel),
+      .write_data(data_out), .data(ram_data));
+  uart #(.DIVIDER(BIT_CYCLES)) serial (
+      .clk, .rst_n(core_rst_n), .write(data_writes && is_uart), .read(reads && is_uart),
+      .addr({data_adr[0], 2'b0}), .write_data(data_out[7:0]), .read_data(uart_data), .rx, .tx);
+  timer #(.CLOCK_MHZ(CLOCK_MHZ)) clock (
+      .clk, .board_rst_n(rst_n), .rst_n(core_rst_n), .write(data_writes && is_timer),
+      .read(reads && is_timer), .addr({data_adr[1:0], 2'b0}), .write_data(data_out),
+      .read_data(timer_data));
+  dvp_pair #(.LINES(CAMERA_LINES), .LINE_WORDS(CAMERA_LINE_WORDS)) cameras (
+      .clk, .rst_n(core_rst_n), .left_pclk, .left_vsync, .left_href, .left_d, .right_pclk,
+      .right_vsync, .right_href, .right_d, .write(data_writes && is_camera),
+      .addr({data_adr[12:0], 2'b0}), .write_data(data_out), .read_data(camera_data),
+      .has_room(camera_has_room), .may_begin(camera_may_begin));
+
+  always_ff @(posedge clk) begin
+    region_read <= region;
+    if (!core_rst_n) leds <= '0;
+    else if (data_writes && is_leds) leds <= data_out[7:0];
+    if (!rst_n) bus_fault <= 1'b0;
+    else if (core_rst_n) begin
+      if (data_active && !(is_data || is_uart || is_timer || is_camera || is_leds)) bus_fault <= 1'b1;
+      if (data_active && is_data && data_adr[21:0] >= 22'(DATA_WORDS)) bus_fault <= 1'b1;
+      if (code_active && code_adr >= 30'(CODE_WORDS)) bus_fault <= 1'b1;
+    end
+  end
+  always_comb begin
+    case (region_read)
+      8'h80: data_in = uart_data;
+      8'h81: data_in = timer_data;
+      8'h82: data_in = camera_data;
+      8'h83: data_in = {24'b0, leds};
+      default: data_in = ram_data;
+    endcase
+  end
+endmodule

@@ -1,0 +1,259 @@
+// Two image sensors with a parallel port each, and what can go wrong at their pins.
+#pragma once
+
+#include <cstdint>
+#include <fstream>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+// A grey image, 8 bit.
+struct Image {
+  uint32_t width = 0, height = 0;
+  std::vector<uint8_t> pixels;
+
+  // Reads a binary PGM without comments.
+  static Image read(const std::string &path) {
+    std::ifstream file(path, std::ios::binary);
+    if (!file) throw std::runtime_error(path + ": cannot be opened");
+    Image image;
+    std::string magic;
+    uint32_t maximum = 0;
+    file >> magic >> image.width >> image.height >> maximum;
+    if (!file || magic != "P5" || maximum != 255 || file.get() != '\n' || image.width == 0 || image.width > 4096 ||
+        image.height == 0 || image.height > 4096)
+      throw std::runtime_error(path + ": not a binary PGM of 8 bits and at most 4096x4096 px");
+    image.pixels.resize(size_t{image.width} * image.height);
+    if (!file.read(reinterpret_cast<char *>(image.pixels.data()), static_cast<std::streamsize>(image.pixels.size())))
+      throw std::runtime_error(path + ": ends early");
+    return image;
+  }
+};
+
+enum Side { LEFT = 0, RIGHT = 1 };
+
+// A fault at the pins, at a line of a frame: FRAME:LINE:KIND, with `-left` or `-right` behind the kind
+// if it is one sensor's.
+struct Fault {
+  enum Kind {
+    SHORT_LINE,    // HREF falls amid the line
+    LOST_LINE,     // HREF stays low
+    JOINED_LINES,  // HREF stays high until the end of the next line; no fault at the last
+    EARLY_FRAME,   // the next frame begins in place of the line
+    FALSE_FRAME,   // VSYNC rises before the line, which comes all the same
+    LATE_LINE,     // the line comes a line's time late
+    BURST,         // from here to the end of the frame the sensors do not wait for room
+    STOPPED_CLOCK  // PCLK stops before the line, for 300 ms
+  };
+  uint32_t frame = 0, line = 0;
+  Kind kind = SHORT_LINE;
+  bool has[2] = {true, true};
+
+  static Fault parse(const std::string &text) {
+    static const std::pair<const char *, Kind> KINDS[] = {
+        {"short-line", SHORT_LINE},   {"lost-line", LOST_LINE},     {"joined-lines", JOINED_LINES},
+        {"early-frame", EARLY_FRAME}, {"false-frame", FALSE_FRAME}, {"late-line", LATE_LINE},
+        {"burst", BURST},             {"stopped-clock", STOPPED_CLOCK}};
+    const std::string problem = text + ": a fault is FRAME:LINE:KIND";
+    Fault fault;
+    char name[32] = "";
+    if (sscanf(text.c_str(), "%u:%u:%31[a-z-]", &fault.frame, &fault.line, name) != 3) throw std::runtime_error(problem);
+    std::string kind = name;
+    const auto cut = [&kind](const std::string &end) {
+      const bool has = kind.size() > end.size() && kind.compare(kind.size() - end.size(), end.size(), end) == 0;
+      if (has) kind.resize(kind.size() - end.size());
+      return has;
+    };
+    if (cut("-left")) fault.has[RIGHT] = false;
+    else if (cut("-right")) fault.has[LEFT] = false;
+    for (const auto &[known, value] : KINDS) {
+      if (kind == known) {
+        fault.kind = value;
+        return fault;
+      }
+    }
+    throw std::runtime_error(problem);
+  }
+};
+
+struct Pins {
+  bool pclk = false, vsync = false, href = false;
+  uint8_t d = 0;
+};
+
+// Times, in clocks of PCLK.
+constexpr uint32_t LINE_BLANK = 40;
+constexpr uint32_t VSYNC_HIGH = 20;
+constexpr uint32_t FRAME_BLANK = 60;
+// Half cycles of the system's clock in half a clock of PCLK: 24 MHz where the system has 48.
+constexpr uint32_t PCLK_HALF = 2;
+// Clocks of PCLK for which it stops in the fault of that name.
+constexpr uint64_t STOP = 300'000ull * 24;
+
+// Where a sensor is: about to send a line, or, at line -1, to begin a frame.
+struct Place {
+  uint32_t frame = 0;
+  int64_t line = -1;
+  bool operator==(const Place &other) const { return frame == other.frame && line == other.line; }
+  bool operator<(const Place &other) const {
+    return frame != other.frame ? frame < other.frame : line < other.line;
+  }
+};
+
+// One sensor. It waits at each place until it is let go.
+class Sensor {
+ public:
+  Sensor(const Image &image, const std::vector<Fault> &faults, Side side, uint32_t phase)
+      : image_(image), faults_(faults), side_(side), phase_(phase) {}
+
+  const Pins &pins() const { return pins_; }
+  const Place &place() const { return place_; }
+  bool waits() const { return at_ == script_.size(); }
+  uint32_t lines() const { return lines_; }
+  uint32_t frames() const { return frames_; }
+
+  // Half a cycle of the system's clock.
+  void step() {
+    if (++phase_ % PCLK_HALF) return;
+    if (stopped_ > 0) {
+      stopped_--;
+      return;
+    }
+    pins_.pclk = !pins_.pclk;
+    // The pins change at the falling edge.
+    if (pins_.pclk) return;
+    if (waits()) return;
+    const Step &now = script_[at_];
+    if (pins_.href && !now.href) lines_++;
+    if (now.vsync && !pins_.vsync) frames_++;
+    pins_.vsync = now.vsync;
+    pins_.href = now.href;
+    pins_.d = now.d;
+    at_++;
+  }
+
+  // Goes on from this place.
+  void go() {
+    script_.clear();
+    at_ = 0;
+    if (place_.line < 0) {
+      if (!has_begun_early_) add(VSYNC_HIGH, true);
+      has_begun_early_ = false;
+      add(FRAME_BLANK, false);
+      move_to(0);
+      return;
+    }
+    const uint32_t line = static_cast<uint32_t>(place_.line);
+    if (const Fault *fault = fault_at(line)) {
+      switch (fault->kind) {
+        case Fault::SHORT_LINE: add_line(line, image_.width / 2, true); break;
+        case Fault::LOST_LINE: add(image_.width + LINE_BLANK, false); break;
+        case Fault::JOINED_LINES:
+          if (line + 1 == image_.height) {
+            add_line(line, image_.width, true);
+            break;
+          }
+          add_line(line, image_.width, false);
+          add_line(line + 1, image_.width, true);
+          move_to(place_.line + 2);
+          return;
+        case Fault::EARLY_FRAME:
+          add(VSYNC_HIGH, true);
+          add(LINE_BLANK, false);
+          has_begun_early_ = true;
+          place_ = {place_.frame + 1, -1};
+          return;
+        case Fault::FALSE_FRAME:
+          add(VSYNC_HIGH, true);
+          add_line(line, image_.width, true);
+          break;
+        case Fault::LATE_LINE:
+          add(image_.width + LINE_BLANK, false);
+          add_line(line, image_.width, true);
+          break;
+        case Fault::STOPPED_CLOCK:
+          stopped_ = 2 * STOP;
+          add_line(line, image_.width, true);
+          break;
+        case Fault::BURST: add_line(line, image_.width, true); break;
+      }
+    } else {
+      add_line(line, image_.width, true);
+    }
+    move_to(place_.line + 1);
+  }
+
+  // Whether the frame's sensors do not wait at this place.
+  bool bursts() const {
+    for (const Fault &fault : faults_)
+      if (fault.kind == Fault::BURST && fault.frame == place_.frame && place_.line >= fault.line) return true;
+    return false;
+  }
+
+ private:
+  struct Step {
+    bool vsync, href;
+    uint8_t d;
+  };
+
+  const Fault *fault_at(uint32_t line) const {
+    for (const Fault &fault : faults_)
+      if (fault.has[side_] && fault.frame == place_.frame && fault.line == line) return &fault;
+    return nullptr;
+  }
+  void add(uint32_t clocks, bool vsync) { script_.insert(script_.end(), clocks, Step{vsync, false, 0}); }
+  void add_line(uint32_t line, uint32_t pixels, bool ends) {
+    const uint8_t *row = &image_.pixels[size_t{line} * image_.width];
+    for (uint32_t x = 0; x < pixels; x++) script_.push_back({false, true, row[x]});
+    if (ends) add(LINE_BLANK + image_.width - pixels, false);
+  }
+  void move_to(int64_t line) {
+    place_.line = line;
+    if (line == image_.height) place_ = {place_.frame + 1, -1};
+  }
+
+  const Image &image_;
+  const std::vector<Fault> &faults_;
+  const Side side_;
+  uint64_t phase_;
+  Pins pins_;
+  Place place_;
+  std::vector<Step> script_;
+  size_t at_ = 0;
+  uint64_t stopped_ = 0;
+  bool has_begun_early_ = false;
+  uint32_t lines_ = 0, frames_ = 0;
+};
+
+// Two sensors with one clock and one reset. Neither begins a line before the other can; if they wait
+// for room, that is how the firmware sets the pace.
+class SensorPair {
+ public:
+  SensorPair(const Image &left, const Image &right, const std::vector<Fault> &faults, bool is_held)
+      : faults_(faults), left_(left, faults_, LEFT, 0), right_(right, faults_, RIGHT, 1), is_held_(is_held) {}
+
+  const Pins &left() const { return left_.pins(); }
+  const Pins &right() const { return right_.pins(); }
+  uint32_t frames() const { return left_.frames(); }
+  uint32_t lines(Side side) const { return side == LEFT ? left_.lines() : right_.lines(); }
+
+  void step(bool has_room, bool may_begin) {
+    if (left_.waits() && right_.waits()) {
+      // What one has lost, the other sends alone.
+      const bool left_first = left_.place() < right_.place(), right_first = right_.place() < left_.place();
+      const Sensor &first = right_first ? right_ : left_;
+      const bool goes = first.place().line < 0 ? may_begin && has_room : has_room || first.bursts();
+      if (goes || !is_held_) {
+        if (!right_first) left_.go();
+        if (!left_first) right_.go();
+      }
+    }
+    left_.step();
+    right_.step();
+  }
+
+ private:
+  const std::vector<Fault> faults_;
+  Sensor left_, right_;
+  const bool is_held_;
+};

@@ -1,0 +1,56 @@
+//! Time, cycles, and the watchdog.
+
+use vgstereo_emulated::meter::Counter;
+use vgstereo_firmware::Watchdog;
+
+use crate::registers::{TIME_HIGH_US, TIME_LOW_US, WATCHDOG_US};
+
+/// Cycles of a microsecond, as `rtl/soc.sv` has them.
+pub(crate) const CLOCK_MHZ: u32 = 48;
+
+/// Time since the reset of the board, µs.
+pub(crate) fn now_us() -> u64 {
+    // The high word is that of the last read of the low one.
+    let low = TIME_LOW_US.read();
+    u64::from(TIME_HIGH_US.read()) << 32 | u64::from(low)
+}
+
+/// The low word of the time, for spans.
+pub(crate) fn span_us() -> u32 {
+    TIME_LOW_US.read()
+}
+
+/// The processor's counter of cycles.
+#[derive(Clone, Copy)]
+pub(crate) struct Cycles;
+
+impl Counter for Cycles {
+    // What is counted here are cycles.
+    const INSTRUCTIONS_PER_64_TICKS: u32 = 64;
+
+    #[inline(always)]
+    fn ticks(self) -> u32 {
+        riscv::register::mcycle::read() as u32
+    }
+}
+
+/// Time-out of the watchdog, µs: longer than a frame of any preset takes, with the waits for a camera
+/// that has failed once.
+const TIME_OUT_US: u32 = 20_000_000;
+
+/// The watchdog of the timer.
+pub(crate) struct Timer(());
+
+impl Timer {
+    /// Starts the watchdog. Nothing stops it but a reset.
+    pub(crate) fn start() -> Self {
+        WATCHDOG_US.write(TIME_OUT_US);
+        Self(())
+    }
+}
+
+impl Watchdog for Timer {
+    fn feed(&mut self) {
+        WATCHDOG_US.write(TIME_OUT_US);
+    }
+}

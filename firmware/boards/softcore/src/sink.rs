@@ -1,0 +1,147 @@
+//! The sink of a run: lines of disparities and confidences as packets of the link.
+
+use core::convert::Infallible;
+use core::fmt::{self, Write};
+
+use vgstereo_core::DisparityLine;
+use vgstereo_emulated::meter::{Counter, Meter, Stage};
+use vgstereo_emulated::serial::Uart;
+use vgstereo_firmware::{DisparitySink, Fault, FrameInfo};
+use vgstereo_link::board::{FrameBegun, Level};
+use vgstereo_link::{
+    BoardMessage, DELIMITER, Encoder, Line, PixelFormat, Region, Streams, Values, memory_bytes,
+};
+
+use crate::clock::now_us;
+
+/// Columns of the longest line.
+const WIDTH_MAX: u16 = 160;
+
+/// Bytes of the largest packet.
+pub(crate) const PACKET_BYTES: usize = memory_bytes(
+    WIDTH_MAX,
+    PixelFormat::Grey8,
+    Streams::DISPARITIES.with(Streams::CONFIDENCES),
+);
+
+/// Sends whole lines, and waits for the port: nothing is left out.
+pub(crate) struct Sender<'m, U, C> {
+    port: U,
+    encoder: Encoder<'m>,
+    meter: &'m Meter<C>,
+}
+
+impl<'m, U: Uart, C: Counter> Sender<'m, U, C> {
+    pub(crate) fn new(port: U, memory: &'m mut [u8], meter: &'m Meter<C>) -> Self {
+        let mut sender = Self {
+            port,
+            encoder: Encoder::new(memory),
+            meter,
+        };
+        // What a host may have received before is no part of the first packet.
+        put(&mut sender.port, DELIMITER);
+        sender
+    }
+
+    #[inline(never)]
+    fn send(&mut self, message: &BoardMessage<'_>) {
+        let Self {
+            port,
+            encoder,
+            meter,
+        } = self;
+        let packet = meter.measure(Stage::Link, || encoder.encode(now_us(), message));
+        // Lines that a port delivers fit the memory.
+        let Ok(packet) = packet else { return };
+        meter.measure(Stage::Files, || {
+            packet.iter().for_each(|&byte| put(port, byte));
+        });
+    }
+
+    /// Sends a text, each line of it by itself.
+    pub(crate) fn text(&mut self) -> impl Write {
+        Text {
+            sender: self,
+            line: [0; 64],
+            length: 0,
+        }
+    }
+}
+
+/// Sends a byte, and waits for room. The port has no way to stop.
+fn put(port: &mut impl Uart, byte: u8) {
+    while !port.put(byte) {}
+}
+
+/// A text on its way, line by line.
+struct Text<'s, 'm, U, C> {
+    sender: &'s mut Sender<'m, U, C>,
+    line: [u8; 64],
+    length: usize,
+}
+
+impl<U: Uart, C: Counter> Write for Text<'_, '_, U, C> {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        for byte in text.bytes() {
+            if byte != b'\n' {
+                *self.line.get_mut(self.length).ok_or(fmt::Error)? = byte;
+                self.length += 1;
+                continue;
+            }
+            let line = self.line.get(..self.length).ok_or(fmt::Error)?;
+            let text = core::str::from_utf8(line).map_err(|_| fmt::Error)?;
+            self.sender.send(&BoardMessage::Log {
+                level: Level::Information,
+                text,
+            });
+            self.length = 0;
+        }
+        Ok(())
+    }
+}
+
+impl<U: Uart, C: Counter> DisparitySink for Sender<'_, U, C> {
+    type Error = Infallible;
+
+    fn begin_frame(&mut self, info: &FrameInfo) -> Result<(), Infallible> {
+        let region = info.region;
+        self.send(&BoardMessage::FrameBegun(FrameBegun {
+            frame: info.frame,
+            timestamp_us: info.timestamp_us,
+            region: Region {
+                x_px: region.x,
+                y_lines: region.y,
+                width_px: region.width,
+                height_lines: region.height,
+            },
+        }));
+        Ok(())
+    }
+
+    fn line(&mut self, frame: u32, line: &DisparityLine<'_>) -> Result<(), Infallible> {
+        self.send(&BoardMessage::Disparities(Line {
+            frame,
+            line: line.line,
+            column: line.column,
+            values: Values::Plain(line.disparities_q4),
+        }));
+        self.send(&BoardMessage::Confidences(Line {
+            frame,
+            line: line.line,
+            column: line.column,
+            values: Values::Plain(line.confidences),
+        }));
+        Ok(())
+    }
+
+    fn end_frame(&mut self, info: &FrameInfo) -> Result<(), Infallible> {
+        let frame = info.frame;
+        self.send(&BoardMessage::FrameDone { frame });
+        Ok(())
+    }
+
+    fn abort_frame(&mut self, frame: u32, fault: Fault) {
+        let reason = fault.into();
+        self.send(&BoardMessage::FrameAborted { frame, reason });
+    }
+}

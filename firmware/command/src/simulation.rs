@@ -1,0 +1,290 @@
+//! Runs a board that is hardware in RTL: Verilator makes a program of it, with two sensors at the pins of
+//! its camera ports and a host at its serial port.
+
+use std::fmt::Write as _;
+use std::fs::{self, File};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use anyhow::{Context, Result, bail, ensure};
+use vgstereo_emulated::{Report, Request};
+use vgstereo_firmware::camera::ErrorKind;
+use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
+
+use crate::board::{Board, Simulation};
+use crate::build::root;
+use crate::elf::{self, Image};
+use crate::host::Frames;
+use crate::pair::Pair;
+use crate::received::{Received, SentFrame};
+use crate::toolchain::Simulator;
+
+/// The symbol of the place for the request in the image, and its length in bytes.
+const REQUEST: &str = "request";
+/// Where the processor has its code and its data, and their lengths, bytes. `rtl/soc.sv` has them too.
+const CODE: (u64, u64) = (0, 256 << 10);
+const DATA: (u64, u64) = (0x1000_0000, 96 << 10);
+/// Cycles after which a run is taken for hung: for the start and the waits of a fault, and for each pixel and
+/// disparity.
+const LONGEST_START: u64 = 50_000_000;
+const LONGEST_EACH: u64 = 2000;
+
+/// The sensors' pace, and what goes wrong at their pins.
+#[derive(Debug, Clone, Default)]
+pub struct Scenario {
+    /// Faults, `FRAME:LINE:KIND`, of the kinds of `sim/sensors.h`.
+    pub faults: Vec<String>,
+    /// Whether the sensors do not wait for room.
+    pub is_free_running: bool,
+}
+
+impl Scenario {
+    /// Returns the sensors with these faults, each as it happens at pins.
+    ///
+    /// # Errors
+    /// Fails with one line that names the kinds that there are.
+    pub fn of(faults: &[ScriptedFault]) -> Result<Self> {
+        let faults = faults.iter().map(|fault| {
+            let kind = match fault.kind {
+                FaultKind::DroppedLine => "lost-line",
+                FaultKind::LostSync => "late-line-left",
+                FaultKind::Truncated => "early-frame",
+                FaultKind::Error(ErrorKind::Overrun) => "burst",
+                FaultKind::Error(ErrorKind::ShortLine) => "short-line",
+                FaultKind::Error(ErrorKind::Timeout) => "stopped-clock",
+                _ => bail!(
+                    "{fault}: the pins of the cameras have the faults dropped-line, lost-sync, truncated, overrun, \
+                     short-line and timeout"
+                ),
+            };
+            Ok(format!("{}:{}:{kind}", fault.frame, fault.line))
+        });
+        Ok(Self {
+            faults: faults.collect::<Result<_>>()?,
+            is_free_running: false,
+        })
+    }
+}
+
+/// What came of a run.
+#[derive(Debug, Clone)]
+pub struct Ran {
+    /// The whole frames.
+    pub frames: Frames,
+    /// The frames of which the board has sent the begin.
+    pub sent: Vec<SentFrame>,
+    /// The board's report. What it has for instructions are cycles.
+    pub report: Report,
+    /// Number of cycles from the reset to the end.
+    pub cycles: u64,
+    /// Number of frames that the sensors have begun.
+    pub frames_begun: u64,
+    /// Number of lines that the left and the right sensor have ended.
+    pub lines: [u64; 2],
+}
+
+/// Checks that a board's firmware is built for a request.
+///
+/// # Errors
+/// Fails with one line that says what it is built for.
+pub fn ensure_built_for(board: &Board, simulation: &Simulation, request: &Request) -> Result<()> {
+    ensure!(
+        request.preset == simulation.preset
+            && request.geometry.format.is_grey()
+            && request.calibration.is_none()
+            && request.scan.is_none(),
+        "the firmware of {} is built for {} in grey, of rectified lines and without a scan",
+        board.name,
+        simulation.preset
+    );
+    Ok(())
+}
+
+/// Makes a program of a board and its surroundings, and returns its path.
+///
+/// # Errors
+/// Fails with one line when a tool is missing or the RTL does not build.
+pub fn build(board: &Board) -> Result<PathBuf> {
+    let tools = Simulator::find().with_context(|| {
+        format!(
+            "{} cannot be simulated: cargo firmware setup tells how to install what is missing",
+            board.name
+        )
+    })?;
+    let folder = Simulator::folder().join("sim");
+    let making = || format!("cannot write {}", folder.display());
+    fs::create_dir_all(&folder).with_context(making)?;
+    // Tests and commands may run at the same time. The file is unlocked when it is closed.
+    let lock = File::create(folder.join("lock")).with_context(making)?;
+    lock.lock().with_context(making)?;
+    let sources = root().join("firmware/boards").join(board.folder);
+    let mut command = Command::new(&tools.verilator);
+    command
+        .args(["--cc", "--exe", "--build", "-O3", "--noassert"])
+        .args(["--x-assign", "fast", "--x-initial", "fast"])
+        // The processor's source is not ours to mend.
+        .args(["-Wno-fatal", "-Wno-lint", "-Wno-style"])
+        .args(["-CFLAGS", "-std=c++17", "-MAKEFLAGS", "OPT_FAST=-O2"])
+        .args(["--top-module", "soc", "-o", board.name, "--Mdir"])
+        .arg(&folder)
+        .arg(&tools.processor)
+        .args(files_with(&sources.join("rtl"), "sv")?)
+        .args(files_with(&sources.join("sim"), "cpp")?);
+    let output = command.stdin(Stdio::null()).output();
+    let output = output.with_context(|| format!("cannot run {}", tools.verilator.display()))?;
+    ensure!(
+        output.status.success(),
+        "the RTL of {} does not build: {}{}",
+        board.name,
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    );
+    Ok(folder.join(board.name))
+}
+
+/// Returns the files of a folder with this extension, in the order of their names.
+fn files_with(folder: &Path, extension: &str) -> Result<Vec<PathBuf>> {
+    let entries =
+        fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))?;
+    let mut files: Vec<_> = entries.flatten().map(|entry| entry.path()).collect();
+    files.retain(|path| path.extension().is_some_and(|found| found == extension));
+    files.sort();
+    Ok(files)
+}
+
+/// Runs a board's firmware on a request while its sensors send a pair.
+///
+/// # Errors
+/// Fails with one line when the firmware is not built for the request, when the program or the board complains, or
+/// when what the board sent is damaged.
+pub fn run(
+    board: &Board,
+    program: &Path,
+    firmware: &Path,
+    pair: &Pair,
+    request: &Request,
+    scenario: &Scenario,
+) -> Result<Ran> {
+    let simulation = board.simulation.context("the board is not simulated")?;
+    ensure_built_for(board, &simulation, request)?;
+    let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
+    let path = |name: &str| folder.path().join(name);
+    write_images(firmware, request, folder.path())?;
+    write_views(pair, folder.path())?;
+    let pixels = u64::from(pair.left.width()) * u64::from(pair.left.height());
+    let frames = u64::from(request.frames) + scenario.faults.len() as u64 + 1;
+    let longest =
+        frames * (LONGEST_START + LONGEST_EACH * pixels * u64::from(request.disparities.count));
+    let mut command = Command::new(program);
+    command
+        .arg(format!("+code={}", path("code.hex").display()))
+        .arg(format!("+data={}", path("data.hex").display()))
+        .arg("--left")
+        .arg(path("left.pgm"))
+        .arg("--right")
+        .arg(path("right.pgm"))
+        .args(["--cycles", &longest.to_string()]);
+    for fault in &scenario.faults {
+        command.args(["--fault", fault]);
+    }
+    if scenario.is_free_running {
+        command.arg("--free-running");
+    }
+    let child = command
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn();
+    let mut child = child.with_context(|| format!("cannot run {}", program.display()))?;
+    let serial = child
+        .stdout
+        .take()
+        .context("the board has no serial port")?;
+    let received = Received::until(serial, |received| report_of(received).is_some());
+    // The end of its input ends the program, which writes what has happened at the pins in few lines.
+    drop(child.stdin.take());
+    let mut said = String::new();
+    if let Some(mut stderr) = child.stderr.take() {
+        stderr.read_to_string(&mut said)?;
+    }
+    let status = child.wait()?;
+    let received = received?;
+    ensure!(
+        status.success(),
+        "the simulation of {} ended with {status}: {}",
+        board.name,
+        said.lines().last().unwrap_or_default()
+    );
+    let report = report_of(&received).context("the board has sent no report")?;
+    let report = report.map_err(|reason| anyhow::anyhow!("{}: {reason}", board.name))?;
+    let count = |name: &str| {
+        let mut lines = said.lines().filter_map(|line| line.split_once(' '));
+        let found = lines.find(|line| line.0 == name);
+        let count = found.and_then(|line| line.1.parse().ok());
+        count.with_context(|| format!("the simulation does not tell {name}"))
+    };
+    let mut whole = Frames::default();
+    for frame in received.frames.iter().filter(|frame| frame.is_whole) {
+        whole.disparities.extend_from_slice(&frame.disparities);
+        whole.confidences.extend_from_slice(&frame.confidences);
+    }
+    Ok(Ran {
+        frames: whole,
+        sent: received.frames,
+        report,
+        cycles: count("cycles")?,
+        frames_begun: count("frames")?,
+        lines: [count("left_lines")?, count("right_lines")?],
+    })
+}
+
+/// Returns the board's report, or why it has none, when it has come.
+fn report_of(received: &Received) -> Option<Result<Report, String>> {
+    let last = received.log.last()?;
+    if let Some(reason) = last.strip_prefix("error ") {
+        return Some(Err(reason.to_owned()));
+    }
+    received.log.join("\n").parse().ok().map(Ok)
+}
+
+/// Writes what the memories of code and data hold, with the request in its place.
+fn write_images(firmware: &Path, request: &Request, folder: &Path) -> Result<()> {
+    let image = Image::read(firmware)?;
+    let code = image.bytes(CODE.0, CODE.1)?;
+    let mut data = image.bytes(DATA.0, DATA.1)?;
+    let (address, size) = elf::symbol(firmware, REQUEST)?;
+    let text = request.to_string();
+    let start = usize::try_from(address - DATA.0)?;
+    let place = data.get_mut(start..start + usize::try_from(size)?);
+    // A zero ends the text.
+    let place = place.and_then(|place| place.get_mut(..=text.len()));
+    let place = place.context("the request is longer than its place in the image")?;
+    place.fill(0);
+    if let Some(place) = place.get_mut(..text.len()) {
+        place.copy_from_slice(text.as_bytes());
+    }
+    for (name, bytes) in [("code.hex", code), ("data.hex", data)] {
+        let mut lines = String::new();
+        for word in bytes.as_chunks().0 {
+            writeln!(lines, "{:08x}", u32::from_le_bytes(*word))?;
+        }
+        fs::write(folder.join(name), lines).context("cannot write a temporary file")?;
+    }
+    Ok(())
+}
+
+/// Writes what the sensors see.
+fn write_views(pair: &Pair, folder: &Path) -> Result<()> {
+    let width = pair.geometry()?.line_bytes();
+    let lines = pair.lines()?;
+    let header = format!("P5\n{width} {}\n255\n", pair.left.height()).into_bytes();
+    let mut views = [header.clone(), header];
+    for (index, line) in lines.chunks_exact(width).enumerate() {
+        views[index % 2].extend_from_slice(line);
+    }
+    for (name, view) in ["left.pgm", "right.pgm"].into_iter().zip(views) {
+        fs::write(folder.join(name), view).context("cannot write a temporary file")?;
+    }
+    Ok(())
+}
