@@ -1,6 +1,7 @@
 //! Tests on the emulated boards: results equal to the host's, exact counters under faults,
 //! repeatable instruction counts. And tests of the real boards: no panics, and, of the one
-//! whose chip has a model, the firmware that is flashed, run on that.
+//! whose chip has a model, the firmware that is flashed, run on that; and of the board in RTL, whose
+//! cameras fail at their pins.
 //!
 //! A board is tested if its compiler and emulator are installed (`cargo firmware setup`), and a
 //! modelled one if its model can be built; otherwise its tests are listed as ignored. So are the long
@@ -15,9 +16,10 @@ use vgstereo_boards::elf::Sizes;
 use vgstereo_boards::emulator::{self, Clock};
 use vgstereo_boards::model::{Ran, Scenario};
 use vgstereo_boards::pair::Pair;
-use vgstereo_boards::toolchain::ModelCompiler;
-use vgstereo_boards::{host, model, panics, stack, toolchain};
+use vgstereo_boards::toolchain::{ModelCompiler, Simulator};
+use vgstereo_boards::{host, model, panics, simulation, stack, toolchain};
 use vgstereo_core::{INVALID, Preset};
+use vgstereo_firmware::Statistics;
 use vgstereo_firmware::camera::{ErrorKind, PixelFormat};
 use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
 
@@ -60,8 +62,25 @@ const MODEL_TESTS: [(&str, BoardTest, bool); 7] = [
     ("hung_bus", restarts_when_a_bus_hangs, true),
 ];
 
+/// Tests of each board in RTL, and whether each runs it: then it is ignored if the RTL cannot be simulated.
+const SIMULATION_TESTS: [(&str, BoardTest, bool); 4] = [
+    ("panics", no_panic_in_the_pipeline, false),
+    ("memory", within_its_block_ram, false),
+    ("pins", exact_under_every_fault_at_the_pins, true),
+    ("overrun", exact_when_lines_come_too_fast, true),
+];
+
 fn main() {
     let mut trials = Vec::new();
+    for board in Board::simulated() {
+        let unbuilt = toolchain::ensure_complete(&[board]).is_err();
+        for (name, test, is_run) in SIMULATION_TESTS {
+            let name = format!("{}::{name}", board.name);
+            let trial = Trial::test(name, move || test(&board));
+            let absent = unbuilt || (is_run && Simulator::find().is_err());
+            trials.push(trial.with_ignored_flag(absent));
+        }
+    }
     for board in Board::real() {
         let unbuilt = toolchain::ensure_complete(&[board]).is_err();
         let name = format!("{}::panics", board.name);
@@ -296,6 +315,123 @@ fn within_the_memory_promised(board: &Board) -> Result<(), Failed> {
             assert!(u64::from(report.stack_bytes) <= deepest_bytes, "{preset}");
         }
     }
+    Ok(())
+}
+
+/// What the linker places in the data memory, what is lent, and the deepest stack are in it together.
+fn within_its_block_ram(board: &Board) -> Result<(), Failed> {
+    const RAM_BYTES: u64 = 80 * 1024;
+    let firmware = build(board).map_err(text)?;
+    let sizes = Sizes::read(&firmware).map_err(text)?;
+    let statics_bytes = sizes.statics_bytes + sizes.lent_bytes as u64;
+    if let Some(deepest_bytes) = stack::deepest_bytes(&firmware).map_err(text)? {
+        let bytes = statics_bytes + deepest_bytes;
+        assert!(bytes <= RAM_BYTES, "{bytes} bytes");
+    }
+    // The lines for which its ports have room.
+    let pair = Pair::rendered(160, 120, 32);
+    let request = pair.request(Preset::Lite, 1, &[]).map_err(text)?;
+    assert!(request.working_bytes() <= sizes.lent_bytes);
+    Ok(())
+}
+
+/// Runs a board in RTL while its cameras fail, and asserts that each whole frame, and no other, equals
+/// the host's, and that the counters are these.
+fn run_simulated(
+    board: &Board,
+    pair: &Pair,
+    faults: &[String],
+    expected: Statistics,
+) -> Result<simulation::Ran, Failed> {
+    let (program, firmware) = (
+        simulation::build(board).map_err(text)?,
+        build(board).map_err(text)?,
+    );
+    let frames = expected.frames;
+    let request = pair.request(Preset::Lite, frames, &[]).map_err(text)?;
+    let scenario = simulation::Scenario {
+        faults: faults.to_vec(),
+        is_free_running: false,
+    };
+    let ran = simulation::run(board, &program, &firmware, pair, &request, &scenario);
+    let ran = ran.map_err(text)?;
+    println!("{} cycles\n{}", ran.cycles, ran.report);
+    assert_eq!(ran.report.statistics, expected, "{faults:?}");
+    let (whole, _) = host::run(pair, &request).map_err(text)?;
+    let width = pair.left.width();
+    assert_eq!(host::first_difference(&ran.frames, &whole, width), None);
+    Ok(ran)
+}
+
+/// Every kind of fault at the pins in every other frame. The counters follow from what the pins did: `L` lines
+/// before the fault are matched, and the rest of the frame's `H` is lost.
+fn exact_under_every_fault_at_the_pins(board: &Board) -> Result<(), Failed> {
+    let mut pair = Pair::rendered(24, 16, 16);
+    pair.cut(10);
+    let height = pair.left.height();
+    let mut expected = Statistics::default();
+    let mut faults = Vec::new();
+    let script: [(&str, u32); 12] = [
+        ("short-line", 5),
+        ("short-line-left", 0),
+        ("short-line-right", height - 1),
+        ("lost-line", 7),
+        ("lost-line-right", 3),
+        ("joined-lines", 2),
+        ("joined-lines-left", 6),
+        ("early-frame", 8),
+        ("late-line-left", 4),
+        ("late-line-right", 0),
+        ("false-frame", 6),
+        ("stopped-clock", 1),
+    ];
+    for (index, (kind, line)) in (0..).zip(script) {
+        let frame = 2 * index + 1;
+        faults.push(format!("{frame}:{line}:{kind}"));
+        let matched = match kind {
+            // One line less, of which the numbers do not tell; a frame that is cut in two.
+            "lost-line" => height - 1,
+            "false-frame" => height,
+            _ => line,
+        };
+        let dropped = match kind {
+            "lost-line" => 1,
+            "false-frame" => height,
+            _ => height - line,
+        };
+        let frames_lost = if kind == "false-frame" { 2 } else { 1 };
+        let counter = match kind {
+            "short-line" | "short-line-left" | "short-line-right" => &mut expected.short_lines,
+            "lost-line" | "early-frame" | "false-frame" => &mut expected.short_frames,
+            "stopped-clock" => &mut expected.timeouts,
+            _ => &mut expected.sync_losses,
+        };
+        *counter += frames_lost;
+        expected.lines += matched;
+        expected.lines_dropped += dropped;
+        expected.frames_dropped += frames_lost;
+    }
+    // One before the first fault, and one after each.
+    expected.frames = script.len() as u32 + 1;
+    expected.lines += expected.frames * height;
+    run_simulated(board, &pair, &faults, expected)?;
+    Ok(())
+}
+
+/// When the cameras do not wait, the ring takes as many lines as it has room for: the firmware has not begun to
+/// read. The frame ends there; the next one, for which they wait again, is whole.
+fn exact_when_lines_come_too_fast(board: &Board) -> Result<(), Failed> {
+    const RING_LINES: u32 = 128;
+    let pair = Pair::rendered(16, 130, 16);
+    let height = pair.left.height();
+    let mut expected = Statistics::default();
+    expected.frames = 1;
+    expected.frames_dropped = 1;
+    expected.lines = RING_LINES + height;
+    expected.lines_dropped = height - RING_LINES;
+    expected.overruns = 1;
+    let ran = run_simulated(board, &pair, &["0:0:burst".to_owned()], expected)?;
+    assert_eq!(ran.sent.len(), 2);
     Ok(())
 }
 

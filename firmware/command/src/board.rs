@@ -61,6 +61,8 @@ pub struct Model {
 pub struct Simulation {
     /// The preset of the firmware.
     pub preset: Preset,
+    /// Packages that are compiled to be small rather than fast: the code has to fit the FPGA's memory.
+    pub small_packages: &'static [&'static str],
 }
 
 const ARM_TARGET: &str = "thumbv7em-none-eabihf";
@@ -200,6 +202,7 @@ pub const SOFTCORE: Board = Board {
     model: None,
     simulation: Some(Simulation {
         preset: Preset::Lite,
+        small_packages: &["vgstereo-emulated", "vgstereo-link", "libm", "postcard"],
     }),
     is_small: true,
 };

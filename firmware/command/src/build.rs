@@ -173,6 +173,11 @@ fn configure(command: &mut Command, board: &Board, toolchain: &Toolchain) {
     for variable in ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_BUILD_TARGET"] {
         command.env_remove(variable);
     }
+    let small = board.simulation.map(|simulation| simulation.small_packages);
+    for package in small.unwrap_or_default() {
+        let setting = format!("profile.release.package.{package}.opt-level=\"s\"");
+        command.args(["--config", &setting]);
+    }
     let mut flags = board.compiler_flags.to_vec();
     if let Toolchain::Debian { linker } = toolchain {
         let setting = format!(

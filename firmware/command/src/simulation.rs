@@ -12,7 +12,7 @@ use vgstereo_emulated::{Report, Request};
 use vgstereo_firmware::camera::ErrorKind;
 use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
 
-use crate::board::{Board, Simulation};
+use crate::board::Board;
 use crate::build::root;
 use crate::elf::{self, Image};
 use crate::host::Frames;
@@ -88,7 +88,8 @@ pub struct Ran {
 ///
 /// # Errors
 /// Fails with one line that says what it is built for.
-pub fn ensure_built_for(board: &Board, simulation: &Simulation, request: &Request) -> Result<()> {
+pub fn ensure_built_for(board: &Board, request: &Request) -> Result<()> {
+    let simulation = board.simulation.context("the board is not simulated")?;
     ensure!(
         request.preset == simulation.preset
             && request.geometry.format.is_grey()
@@ -166,8 +167,7 @@ pub fn run(
     request: &Request,
     scenario: &Scenario,
 ) -> Result<Ran> {
-    let simulation = board.simulation.context("the board is not simulated")?;
-    ensure_built_for(board, &simulation, request)?;
+    ensure_built_for(board, request)?;
     let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
     let path = |name: &str| folder.path().join(name);
     write_images(firmware, request, folder.path())?;

@@ -54,6 +54,10 @@ fn what_is_wrong_is_said_on_one_line() {
         let always = ["run", "--board", "stm32h743", "--out", "never.png"];
         refusal(&[&always, arguments].concat())
     };
+    let simulated = |arguments: &[&str]| {
+        let always = ["run", "--board", "softcore", "--out", "never.png"];
+        refusal(&[&always, arguments].concat())
+    };
     for (error, words) in [
         (
             refusal(&["build", "--board", "nothing"]),
@@ -105,6 +109,15 @@ fn what_is_wrong_is_said_on_one_line() {
         (
             modelled(&["--fault", "0:3:overrun", "--fault", "0:4:overrun"]),
             "one in a frame",
+        ),
+        (simulated(&["--preset", "micro"]), "is built for lite"),
+        (
+            simulated(&["--fault", "0:3:bus-error"]),
+            "dropped-line, lost-sync",
+        ),
+        (
+            refusal(&["live", "--board", "softcore"]),
+            "softcore is simulated",
         ),
         (refusal(&["run", "--board", "stm32f405"]), "--out"),
         (run(&["--preset", "best"]), "lite, micro"),

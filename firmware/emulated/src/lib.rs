@@ -4,7 +4,8 @@
 //! does the rest: it parses a [`Request`] from the command line, matches frames whose lines are
 //! read from a file pair by pair, writes the disparities and confidences to files, logs each frame
 //! with defmt on standard output, and writes a [`Report`]. The host writes the file of lines and
-//! reads the others. `camera`, `cmsdk`, `run`, `sink` and `stack` are built for chips only.
+//! reads the others. `camera`, `cmsdk`, `run`, `sink` and `stack` are built for chips only, and what reads and
+//! writes files only with the feature `semihosting`.
 #![no_std]
 
 #[cfg(test)]

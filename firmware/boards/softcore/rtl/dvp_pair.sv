@@ -2,7 +2,8 @@
 // number; the processor reads it and releases it. A line whose partner never comes is dropped.
 //
 //  0x0000 STATUS   [0] a pair is ready  [1] lines before it were not stored for want of room
-//                  [2] the sensors are out of step  [31:16] pairs waiting
+//                  [2] before it, lines of one sensor had no partner, or a line was torn
+//                  [3] its lines ended too far apart  [31:16] pairs waiting
 //  0x0004 PLACE    the pair's frame << 16 | line
 //  0x0008 PIXELS   of its right line << 16 | of its left line, as counted
 //  0x000c ENDED    the cycle in which the left line ended, low 32 bits
@@ -10,7 +11,7 @@
 //  0x0014 CONTROL  write: [0] release the pair  [1] restart: both sensors wait for a frame, which they
 //                  begin at one time
 //  0x0018 LEVEL    a frame is taken if, when it begins, at most so many lines of a sensor wait
-//  0x001c LIMIT    of the skew, cycles: beyond it the sensors are out of step; 0 for none
+//  0x001c LIMIT    of the skew, cycles: beyond it the lines do not belong together; 0 for none
 //  0x0020 LOST     right << 16 | left: lines that were not delivered, modulo 2^16
 //  0x0024 FRAMES   right << 16 | left: numbers of the frames that the sensors are in
 //  0x0028 ROOM     lines of a ring << 16 | bytes of a line
@@ -31,7 +32,7 @@ module dvp_pair #(
     input  logic [14:0] addr,
     input  logic [31:0] write_data,
     output logic [31:0] read_data,
-    // For cameras that can be held: there is room for a line and more, and for a frame to be taken.
+    // For cameras that can be held: there is room for a line and more; no line waits.
     output logic        has_room, may_begin
 );
   localparam int AT = $clog2(LINE_WORDS);
@@ -103,8 +104,8 @@ module dvp_pair #(
   wire [31:0] skew = right_ended - left_ended;
   wire [31:0] distance = skew[31] ? -skew : skew;
   wire overrun = was_overrun || (ready && (left_gap || right_gap));
-  wire astray = was_astray
-      || (ready && ((limit != 0 && distance > limit) || left_torn || right_torn));
+  wire astray = was_astray || (ready && (left_torn || right_torn));
+  wire skewed = ready && limit != 0 && distance > limit;
 
   wire is_register = addr[14] == 1'b0;
   wire writes_control = write && is_register && addr[5:2] == 4'd5;
@@ -156,7 +157,7 @@ module dvp_pair #(
   always_ff @(posedge clk) begin
     region <= addr[14:13];
     case (addr[5:2])
-      4'd0: register_data <= {pairs, 13'b0, astray, overrun, ready};
+      4'd0: register_data <= {pairs, 12'b0, skewed, astray, overrun, ready};
       4'd1: register_data <= left_place;
       4'd2: register_data <= {right_pixels, left_pixels};
       4'd3: register_data <= left_ended;
@@ -174,5 +175,5 @@ module dvp_pair #(
 
   localparam logic [15:0] NEARLY_FULL = 16'(LINES - 1);
   assign has_room = left_waiting < NEARLY_FULL && right_waiting < NEARLY_FULL;
-  assign may_begin = has_level;
+  assign may_begin = left_waiting == 0 && right_waiting == 0;
 endmodule

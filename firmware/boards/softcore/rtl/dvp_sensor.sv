@@ -56,6 +56,7 @@ module dvp_sensor #(
   // The line that comes.
   logic is_taken;                          // its frame is
   logic was_seen;                          // a frame, since the reset: lines count from then on
+  logic has_begun;                         // a frame, since the last restart
   logic in_line, is_stored, torn;
   logic [15:0] count;                      // pixels so far
   wire first = (is_word || is_end) && !in_line;
@@ -92,7 +93,7 @@ module dvp_sensor #(
 
   always_ff @(posedge clk) begin
     if (!rst_n) begin
-      {is_taken, was_seen, in_line, is_stored, torn, skipped} <= '0;
+      {is_taken, was_seen, has_begun, in_line, is_stored, torn, skipped} <= '0;
       {count, next_line, waiting, lost} <= '0;
       frame <= '1;
       {write_slot, read_slot, write_base, read_base} <= '0;
@@ -105,7 +106,7 @@ module dvp_sensor #(
       end
       if (is_end) begin
         next_line <= next_line + 1'b1;
-        skipped <= !stores && was_seen;
+        skipped <= !stores && has_begun;
       end
       if (close) is_taken <= 1'b0;
       if (frame_begins) begin
@@ -117,6 +118,7 @@ module dvp_sensor #(
         next_line <= '0;
         is_taken <= takes;
         was_seen <= 1'b1;
+        has_begun <= 1'b1;
       end
       if (ends) begin
         write_slot <= after(write_slot);
@@ -132,6 +134,7 @@ module dvp_sensor #(
         is_taken <= 1'b0;
         is_stored <= 1'b0;
         skipped <= 1'b0;
+        has_begun <= 1'b0;
         frame <= restart_frame;
         {write_slot, read_slot, write_base, read_base, waiting} <= '0;
         lost <= lost + waiting + 16'(was_seen && (is_end || (frame_begins && in_line)));

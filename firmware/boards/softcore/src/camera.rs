@@ -4,14 +4,15 @@ use vgstereo_firmware::camera::{ErrorKind, ErrorType, Geometry, LinePair, LinePa
 
 use crate::clock::{CLOCK_MHZ, now_us, span_us};
 use crate::registers::{
-    CAMERA_CONTROL, CAMERA_CYCLES, CAMERA_ENDED, CAMERA_LIMIT, CAMERA_PIXELS, CAMERA_PLACE,
-    CAMERA_ROOM, CAMERA_STATUS, LineBytes,
+    CAMERA_CONTROL, CAMERA_CYCLES, CAMERA_ENDED, CAMERA_LEVEL, CAMERA_LIMIT, CAMERA_PIXELS,
+    CAMERA_PLACE, CAMERA_ROOM, CAMERA_STATUS, LineBytes,
 };
 
 // Bits of the status.
 const READY: u32 = 1 << 0;
 const OVERRUN: u32 = 1 << 1;
-const OUT_OF_STEP: u32 = 1 << 2;
+const WITHOUT_PARTNER: u32 = 1 << 2;
+const SKEWED: u32 = 1 << 3;
 // Of the control.
 const RELEASE: u32 = 1 << 0;
 const RESTART: u32 = 1 << 1;
@@ -47,7 +48,8 @@ fn ended_us() -> u64 {
 
 /// Two sensors in step, whose lines are not rectified. Pairs wait in the port's ring, in whose room a
 /// whole frame may be: a line that finds none there is lost, with the rest of its frame. A frame is
-/// taken if no pair waits when it begins; one that is not counts as lost for want of room.
+/// taken if all of it finds room when it begins, or, if it is larger than the ring, when that is empty; one that
+/// is not counts as lost for want of room. An error of the sensors' step costs what waits as well.
 pub(crate) struct Dvp {
     geometry: Geometry,
     /// The number of the frame that came last; the port's has 16 bits.
@@ -63,10 +65,12 @@ pub(crate) struct Dvp {
 impl Dvp {
     /// The ports, for lines of grey pixels. None if the lines are longer than the port's.
     pub(crate) fn start(geometry: Geometry) -> Option<Self> {
-        let line_bytes = CAMERA_ROOM.read() & 0xffff;
+        let room = CAMERA_ROOM.read();
+        let (lines, line_bytes) = (room >> 16, room & 0xffff);
         if geometry.line_bytes() > line_bytes as usize || !geometry.format.is_grey() {
             return None;
         }
+        CAMERA_LEVEL.write(lines.saturating_sub(geometry.height));
         // No pixel takes less than a cycle, so lines that belong together end within half a line.
         CAMERA_LIMIT.write(u32::from(geometry.width) / 2);
         Some(Self {
@@ -83,7 +87,7 @@ impl Dvp {
         let begun_us = span_us();
         loop {
             let status = CAMERA_STATUS.read();
-            if status & (READY | OUT_OF_STEP) != 0 {
+            if status & (READY | WITHOUT_PARTNER) != 0 {
                 return Some(status);
             }
             if span_us().wrapping_sub(begun_us) > LONGEST_WAIT_US {
@@ -145,7 +149,7 @@ impl LinePairSource for Dvp {
                 self.restart();
                 return Err(ErrorKind::Timeout);
             };
-            if status & OUT_OF_STEP != 0 {
+            if status & WITHOUT_PARTNER != 0 {
                 self.restart();
                 return Err(ErrorKind::SyncLost);
             }
@@ -157,14 +161,17 @@ impl LinePairSource for Dvp {
             let pixels = CAMERA_PIXELS.read();
             let (left_pixels, right_pixels) = (pixels & 0xffff, pixels >> 16);
             let width = u32::from(width);
-            if left_pixels > width || right_pixels > width {
-                // Two lines in one: from here on the numbers are wrong.
+            let is_short = left_pixels < width || right_pixels < width;
+            let is_long = left_pixels > width || right_pixels > width;
+            if is_long || (status & SKEWED != 0 && !is_short) {
+                // Two lines in one, or lines that do not belong together: from here on the numbers
+                // are wrong. Of a short line the end says nothing.
                 self.restart();
                 return Err(ErrorKind::SyncLost);
             }
             self.last = Some(place);
             self.is_told = false;
-            if left_pixels < width || right_pixels < width {
+            if is_short {
                 CAMERA_CONTROL.write(RELEASE);
                 return Err(ErrorKind::ShortLine);
             }

@@ -8,11 +8,8 @@ use vgstereo_kernels::Rv32;
 /// Bytes of a pattern of `lite`.
 const PATTERN_BYTES: usize = 4;
 
-/// The largest number of disparities for which its costs have a fast kernel here.
-const DISPARITIES_MAX: usize = 48;
-
 /// [`Rv32`] for `lite`. What that does not use is the reference, which has the same results and takes
-/// the least room: that of the block RAM is short.
+/// the least room: block RAM is short. So do costs of other than 16 and 32 disparities.
 #[derive(Clone, Copy)]
 pub(crate) struct LiteKernels;
 
@@ -27,26 +24,28 @@ impl Kernels for LiteKernels {
     fn cost_run(&self, run: &CostRun<'_>, costs: &mut [u8]) {
         let is_known = run.inputs.count == PATTERN_BYTES
             && run.masks.count == 0
-            && run.disparities <= DISPARITIES_MAX
             && run.difference_weight_q4 > 0;
-        if is_known {
-            // With these as constants, the code for other patterns is left out.
-            let inputs = Planes {
-                count: PATTERN_BYTES,
-                ..run.inputs
-            };
-            let masks = Planes {
-                count: 0,
-                ..run.masks
-            };
-            let run = CostRun {
-                inputs,
-                masks,
-                ..*run
-            };
-            Rv32.cost_run(&run, costs);
-        } else {
-            Portable.cost_run(run, costs);
+        match run.disparities {
+            16 if is_known => Rv32.cost_run(&with_constants::<16>(run), costs),
+            32 if is_known => Rv32.cost_run(&with_constants::<32>(run), costs),
+            _ => Portable.cost_run(run, costs),
         }
+    }
+}
+
+/// The same run, of whose lengths the compiler knows what is known: the code for others is left out.
+#[inline(always)]
+fn with_constants<'r, const DISPARITIES: usize>(run: &CostRun<'r>) -> CostRun<'r> {
+    CostRun {
+        inputs: Planes {
+            count: PATTERN_BYTES,
+            ..run.inputs
+        },
+        masks: Planes {
+            count: 0,
+            ..run.masks
+        },
+        disparities: DISPARITIES,
+        ..*run
     }
 }

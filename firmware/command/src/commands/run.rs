@@ -133,6 +133,7 @@ impl Run {
         );
         let request = pair.request(self.source.preset, self.frames, &[])?;
         let scenario = simulation::Scenario::of(&self.source.faults)?;
+        simulation::ensure_built_for(&self.board, &request)?;
         request.config().validate()?;
         ensure_complete(&[self.board])?;
         let (program, firmware) = (simulation::build(&self.board)?, build(&self.board)?);
