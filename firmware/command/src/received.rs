@@ -155,6 +155,7 @@ mod tests {
                 pixels: 2,
                 disparities: vec![1, 0, 0, 2],
                 is_whole: true,
+                ..SentFrame::default()
             },
         ];
         assert_eq!(Received::of(&bytes).unwrap().frames, expected);

@@ -56,8 +56,9 @@ fn main() -> ! {
     // SAFETY: the linker defines the bounds, there is no heap, and no interrupt is enabled.
     let stack = unsafe { Stack::paint(&raw mut __estack, &raw mut _stack_start) };
     registers::LEDS.write(LEDS_RUNNING);
+    let (memory, packet) = (&raw mut MEMORY, &raw mut PACKET);
     // SAFETY: this is the only place that takes them, and it is reached once.
-    let (memory, packet) = unsafe { (&mut *(&raw mut MEMORY), &mut *(&raw mut PACKET)) };
+    let (memory, packet) = unsafe { (&mut *memory, &mut *packet) };
     let meter = Meter::new(Cycles);
     let mut sender = Sender::new(SerialPort::new(), packet, &meter);
     let mut watchdog = Timer::start();
@@ -162,7 +163,9 @@ fn read_request() -> Option<Request> {
 /// Shows that the board has failed. The watchdog restarts it.
 fn fail() -> ! {
     registers::LEDS.write(LEDS_FAILED);
-    loop {}
+    loop {
+        riscv::asm::nop();
+    }
 }
 
 #[panic_handler]
