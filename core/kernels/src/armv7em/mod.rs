@@ -19,9 +19,9 @@ mod pack;
 mod penalty;
 mod resample;
 mod rivals;
-mod select;
+pub(crate) mod select;
 #[allow(unsafe_code)]
-mod simd;
+pub(crate) mod simd;
 mod smooth;
 mod weighted_median;
 

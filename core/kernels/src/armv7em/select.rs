@@ -7,7 +7,7 @@
 
 use bytemuck::{must_cast_slice, must_cast_slice_mut, try_cast_slice};
 use vgstereo_core::disparity::STEPS_PER_PX;
-use vgstereo_core::kernel::{self, AggregateRow};
+use vgstereo_core::kernel::{self, AggregateRow, SubpixelStep};
 
 use super::aggregate::MAX_STRIDE;
 use super::simd::{
@@ -56,10 +56,7 @@ fn select_pixels<const PAIRS: usize>(row: &mut AggregateRow<'_>) -> Option<()> {
         .zip(from_right.chunks(Others::MOVES))
         .zip(from_above.chunks(Others::MOVES));
     let disparities = row.disparities;
-    let subpixel = Subpixel {
-        relief: row.subpixel.relief.into(),
-        lines_min: row.subpixel.lines_min.into(),
-    };
+    let subpixel = Subpixel::new(&row.subpixel);
     let end = (row.best.len() + disparities).saturating_sub(1);
     let (inside, beyond) = row.other_best.split_at_mut(end.min(row.other_best.len()));
     beyond.fill(u32::MAX);
@@ -315,17 +312,24 @@ fn least_of(words: &[u32]) -> u32 {
     min_u16x2(least, least >> 16) & 0xffff
 }
 
-/// How the sub-pixel step follows from the sums, as in [`SubpixelStep`](vgstereo_core::kernel::SubpixelStep).
-struct Subpixel {
+/// How the sub-pixel step follows from the sums, as in [`SubpixelStep`].
+pub(crate) struct Subpixel {
     relief: u32,
     lines_min: u32,
 }
 
 impl Subpixel {
+    pub(crate) fn new(step: &SubpixelStep) -> Self {
+        Self {
+            relief: step.relief.into(),
+            lines_min: step.lines_min.into(),
+        }
+    }
+
     /// Equals [`kernel::subpixel_step_q4`] bit for bit. A processor that divides in hardware takes less
     /// time for one division than for the steps that replace it there.
     #[inline(always)]
-    fn step_q4(&self, before: u32, after: u32) -> i32 {
+    pub(crate) fn step_q4(&self, before: u32, after: u32) -> i32 {
         let (larger, smaller) = (before.max(after), before.min(after));
         let relief = self.relief.min((5 * larger) >> 4);
         let relieved = (larger - relief, smaller.saturating_sub(relief));

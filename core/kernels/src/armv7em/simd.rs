@@ -418,21 +418,21 @@ pub(super) fn max_i16x2(a: u32, b: u32) -> u32 {
 /// Widens bytes 0 and 2 to halfwords.
 #[inline(always)]
 #[must_use]
-pub(super) fn even_bytes(a: u32) -> u32 {
+pub(crate) fn even_bytes(a: u32) -> u32 {
     a & 0x00ff_00ff
 }
 
 /// Widens bytes 1 and 3 to halfwords.
 #[inline(always)]
 #[must_use]
-pub(super) fn odd_bytes(a: u32) -> u32 {
+pub(crate) fn odd_bytes(a: u32) -> u32 {
     a >> 8 & 0x00ff_00ff
 }
 
 /// Calls `body` with each index from 0 to `COUNT - 1`, at most 15, without a loop, so that every
 /// index is a constant.
 #[inline(always)]
-pub(super) fn unrolled<const COUNT: usize>(mut body: impl FnMut(usize)) {
+pub(crate) fn unrolled<const COUNT: usize>(mut body: impl FnMut(usize)) {
     const { assert!(COUNT <= 16) };
     macro_rules! unroll {
         ($($index:literal)*) => { $(if $index < COUNT { body($index); })* };
@@ -451,7 +451,7 @@ pub(super) const fn splat_u8(byte: u8) -> u32 {
 /// The halfword in both lanes.
 #[inline(always)]
 #[must_use]
-pub(super) const fn splat_u16(halfword: u16) -> u32 {
+pub(crate) const fn splat_u16(halfword: u16) -> u32 {
     (halfword as u32) << 16 | halfword as u32
 }
 

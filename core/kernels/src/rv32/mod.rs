@@ -1,7 +1,10 @@
 //! Kernels for RV32, with and without the Zbb extension.
 
+mod aggregate;
+mod select;
+
 use vgstereo_core::forward_kernels;
-use vgstereo_core::kernel::{Kernels, Portable};
+use vgstereo_core::kernel::{AggregateRow, Kernels, Portable};
 
 use crate::armv7em::Armv7em;
 
@@ -17,9 +20,6 @@ impl Kernels for Rv32 {
     // it costs to replace each byte SIMD instruction by a dozen ordinary ones.
     forward_kernels!(set => &Armv7em; smooth_row, mask_block, cost_run, arms_row,
         weighted_median_row);
-    // Aggregation of `Armv7em` was measured to be slower here, and so was its selection on
-    // processors with Zbb.
-    forward_kernels!(set => &Portable; aggregate_paths, select_row, aggregate_row);
     // The kernels of `Armv7em` were not found to be faster here.
     forward_kernels!(set => &Portable; convert_row, pack_cells, median9_row);
     // On Arm, byte SIMD does most of the work of these. Not measured here.
@@ -29,4 +29,20 @@ impl Kernels for Rv32 {
     // `Armv7em` looks lines up and checks positions once per cell of knots, the reference for each
     // pixel. Not measured here.
     forward_kernels!(set => &Armv7em; resample_row);
+
+    #[inline]
+    fn aggregate_paths(&self, row: &mut AggregateRow<'_>) {
+        aggregate::aggregate_paths(row);
+    }
+
+    #[inline]
+    fn select_row(&self, row: &mut AggregateRow<'_>) {
+        select::select_row(row);
+    }
+
+    #[inline]
+    fn aggregate_row(&self, row: &mut AggregateRow<'_>) {
+        self.aggregate_paths(row);
+        self.select_row(row);
+    }
 }
