@@ -482,14 +482,14 @@ impl Weights {
 
 /// Constants that are kept in registers, because as parts of instructions they take one more.
 #[derive(Clone, Copy)]
-struct Constants {
+pub(crate) struct Constants {
     /// The lower two bits of each nibble.
     low_pairs: u32,
     three: u32,
 }
 
 impl Constants {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             low_pairs: opaque(0x3333_3333),
             three: opaque(3),
@@ -520,7 +520,7 @@ impl Constants {
 
 /// Counts the bits of each byte over `BYTES` words.
 #[inline(always)]
-fn count<const BYTES: usize>(
+pub(crate) fn count<const BYTES: usize>(
     constants: Constants,
     three: impl Fn(usize) -> [u32; 3],
     two: impl Fn(usize) -> [u32; 2],

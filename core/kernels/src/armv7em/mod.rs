@@ -9,7 +9,7 @@ mod aggregate;
 mod arms;
 mod check;
 mod convert;
-mod cost;
+pub(crate) mod cost;
 mod mask;
 mod median9;
 #[cfg(all(dsp_extension, feature = "memory-functions"))]

@@ -443,7 +443,7 @@ pub(crate) fn unrolled<const COUNT: usize>(mut body: impl FnMut(usize)) {
 /// The byte in all four lanes.
 #[inline(always)]
 #[must_use]
-pub(super) const fn splat_u8(byte: u8) -> u32 {
+pub(crate) const fn splat_u8(byte: u8) -> u32 {
     // One multiplication at run time; folded if the byte is a constant.
     byte as u32 * 0x0101_0101
 }

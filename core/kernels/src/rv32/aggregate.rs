@@ -5,6 +5,7 @@ use core::cell::Cell;
 
 use vgstereo_core::kernel::{AggregateRow, NO_COST};
 
+use super::least::least;
 use crate::armv7em::simd::unrolled;
 
 /// Number of disparities whose loop is unrolled. All rows of disparities are a multiple of it.
@@ -90,11 +91,11 @@ fn begin(costs: &[Cell<u8>], path: &[Cell<u8>]) -> u32 {
 
 /// The least of these costs.
 fn least_of(costs: &[Cell<u8>]) -> u32 {
-    let mut least = u32::MAX;
+    let mut found = u32::MAX;
     for costs in costs.as_chunks::<BLOCK>().0 {
-        unrolled::<BLOCK>(|lane| least = least.min(costs[lane].get().into()));
+        unrolled::<BLOCK>(|lane| found = least(found, costs[lane].get().into()));
     }
-    least
+    found
 }
 
 /// Takes one step along a path and returns the least path cost of the next pixel. `next` may be the same
@@ -159,12 +160,12 @@ impl Path {
     /// Writes the path cost of a disparity, given the cost of the previous pixel at the disparity above it.
     #[inline(always)]
     fn step(&mut self, above: u32, cost: &Cell<u8>, next: &Cell<u8>) {
-        let neighbours = self.below.min(above) + self.p1;
-        let reached = self.same.min(neighbours).min(self.ceiling);
+        let neighbours = least(self.below, above) + self.p1;
+        let reached = least(least(neighbours, self.same), self.ceiling);
         // It fits a byte, because the configuration bounds costs and penalties, but beyond the range.
         let path = reached + u32::from(cost.get()) - self.least_before;
         next.set(path as u8);
-        self.least = self.least.min(path);
+        self.least = least(self.least, path);
         (self.below, self.same) = (self.same, above);
     }
 }

@@ -1,10 +1,14 @@
 //! Kernels for RV32, with and without the Zbb extension.
 
 mod aggregate;
+mod cost;
+#[allow(unsafe_code)]
+mod least;
+mod levels;
 mod select;
 
 use vgstereo_core::forward_kernels;
-use vgstereo_core::kernel::{AggregateRow, Kernels, Portable};
+use vgstereo_core::kernel::{AggregateRow, CostRun, Kernels, Portable};
 
 use crate::armv7em::Armv7em;
 
@@ -18,7 +22,7 @@ impl Kernels for Rv32 {
 
     // Counting bits of four patterns at once and packing four pixels into a register save more than
     // it costs to replace each byte SIMD instruction by a dozen ordinary ones.
-    forward_kernels!(set => &Armv7em; smooth_row, mask_block, cost_run, arms_row,
+    forward_kernels!(set => &Armv7em; smooth_row, mask_block, arms_row,
         weighted_median_row);
     // The kernels of `Armv7em` were not found to be faster here.
     forward_kernels!(set => &Portable; convert_row, pack_cells, median9_row);
@@ -29,6 +33,11 @@ impl Kernels for Rv32 {
     // `Armv7em` looks lines up and checks positions once per cell of knots, the reference for each
     // pixel. Not measured here.
     forward_kernels!(set => &Armv7em; resample_row);
+
+    #[inline]
+    fn cost_run(&self, run: &CostRun<'_>, costs: &mut [u8]) {
+        cost::cost_run(run, costs);
+    }
 
     #[inline]
     fn aggregate_paths(&self, row: &mut AggregateRow<'_>) {

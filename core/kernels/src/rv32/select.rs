@@ -9,6 +9,7 @@ use bytemuck::{must_cast_slice, try_cast_slice};
 use vgstereo_core::disparity::STEPS_PER_PX;
 use vgstereo_core::kernel::{self, AggregateRow};
 
+use super::least::least;
 use crate::armv7em::select::Subpixel;
 use crate::armv7em::simd::{even_bytes, odd_bytes, splat_u16, unrolled};
 
@@ -165,10 +166,10 @@ impl Pixel<'_> {
             .get_mut(..self.disparities.div_ceil(QUAD))
             .unwrap_or_default();
         let best = least_of(minima);
-        let (least, index) = (best >> SUM_SHIFT, best >> 16 & INDEX_MASK);
+        let (sum, index) = (best >> SUM_SHIFT, best >> 16 & INDEX_MASK);
         let index = index as usize;
         let step_q4 = if index > 0 && index + 1 < self.disparities {
-            subpixel.step_q4(self.sum(index - 1) - least, self.sum(index + 1) - least)
+            subpixel.step_q4(self.sum(index - 1) - sum, self.sum(index + 1) - sum)
         } else {
             0
         };
@@ -188,7 +189,7 @@ impl Pixel<'_> {
         Selected {
             index: index as u16,
             refined_index_q4: (index as i32 * i32::from(STEPS_PER_PX) + step_q4) as i16,
-            margin: (second - least) as i16,
+            margin: (second - sum) as i16,
         }
     }
 }
@@ -209,11 +210,11 @@ fn meet_quad([left, right, above]: [u32; 3], indices: [u32; 2], others: &mut [u3
         }
     }
     let [a, b, c, d] = keys;
-    a.min(b).min(c.min(d))
+    least(least(a, b), least(c, d))
 }
 
 /// The least of these keys.
 #[inline(always)]
 fn least_of(keys: &[u32]) -> u32 {
-    keys.iter().fold(u32::MAX, |least, &key| least.min(key))
+    keys.iter().fold(u32::MAX, |found, &key| least(found, key))
 }
