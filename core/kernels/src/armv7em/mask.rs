@@ -4,8 +4,9 @@ use bytemuck::try_cast_slice;
 use vgstereo_core::kernel::{self, CELLS_PER_BYTE, MASK_LANES, MAX_CHANNELS, MaskBlock};
 
 use super::simd::{
-    add_even_bytes, add_odd_bytes, add_saturating_u8x4, distance_u8x4, load, load_six, max_u8x4,
-    min_u8x4, select_ge_u8x4, select_ge_u16x2, splat_u8, splat_u16, store, sub_saturating_u8x4,
+    add_even_bytes, add_odd_bytes, add_saturating_u8x4, distance_u8x4, is_ge_u8x4, load, load_six,
+    max_u8x4, min_u8x4, select_ge_u8x4, select_ge_u16x2, splat_u8, splat_u16, store,
+    sub_saturating_u8x4,
 };
 
 /// Pixels per word.
@@ -250,7 +251,7 @@ fn count_within(cells: &[[impl Cells; WORDS]], word: usize, thresholds: u32) -> 
         let mut four = 0;
         for columns in counted {
             columns[word].each_reversed(|differences| {
-                four += select_ge_u8x4(thresholds, differences, splat_u8(1), 0);
+                four += is_ge_u8x4(thresholds, differences);
             });
         }
         let [even, odd] = counts;
@@ -267,7 +268,7 @@ fn write_masks(cells: &[[impl Cells; WORDS]], word: usize, thresholds: u32, mask
     for (mask, columns) in masks.iter_mut().zip(cells) {
         let mut bits = 0;
         columns[word].each_reversed(|differences| {
-            bits = bits << 1 | select_ge_u8x4(thresholds, differences, splat_u8(1), 0);
+            bits = bits << 1 | is_ge_u8x4(thresholds, differences);
         });
         store(bits, &mut mask[word]);
     }

@@ -34,7 +34,7 @@ macro_rules! instruction {
 
 instruction! {
     /// Adds bytes; sums above 255 become 255.
-    add_saturating_u8x4, "uqadd8", |a: u32, b| !lanes::sub_saturating::<BYTES>(!a, b)
+    add_saturating_u8x4, "uqadd8", lanes::add_saturating::<BYTES>
 }
 instruction! {
     /// Subtracts bytes; differences below 0 become 0.
@@ -225,18 +225,49 @@ macro_rules! selection {
 selection! {
     /// Takes the byte of `yes` where the byte of `a` is at least that of `b`, elsewhere the byte of
     /// `no`.
-    select_ge_u8x4, "usub8", |a, b| !lanes::below::<BYTES>(a, b)
+    select_ge_u8x4, "usub8", lanes::at_least::<BYTES>
 }
 selection! {
     /// Takes the halfword of `yes` where the halfword of `a` is at least that of `b`, elsewhere the
     /// halfword of `no`.
-    select_ge_u16x2, "usub16", |a, b| !lanes::below::<HALFWORDS>(a, b)
+    select_ge_u16x2, "usub16", lanes::at_least::<HALFWORDS>
 }
 selection! {
     /// Takes the halfword of `yes` where the signed halfword of `a` is at least that of `b`,
     /// elsewhere the halfword of `no`.
     select_ge_i16x2, "ssub16",
-    |a, b| !lanes::below::<HALFWORDS>(a ^ lanes::tops(HALFWORDS), b ^ lanes::tops(HALFWORDS))
+    |a, b| lanes::at_least::<HALFWORDS>(a ^ lanes::tops(HALFWORDS), b ^ lanes::tops(HALFWORDS))
+}
+
+/// 1 in each byte in which `a` is at least `b`, elsewhere 0.
+#[inline(always)]
+#[must_use]
+pub(super) fn is_ge_u8x4(a: u32, b: u32) -> u32 {
+    #[cfg(dsp_extension)]
+    {
+        select_ge_u8x4(a, b, splat_u8(1), 0)
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        lanes::tops_at_least::<BYTES>(a, b) >> (BYTES - 1)
+    }
+}
+
+/// Subtracts signed halfwords and clamps the differences to 0 to 255; the results are bytes 0 and 2.
+#[inline(always)]
+#[must_use]
+pub(super) fn sub_to_u8x2(a: u32, b: u32) -> u32 {
+    #[cfg(dsp_extension)]
+    {
+        saturate_to_u8x2(sub_saturating_i16x2(a, b))
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        let difference = |a: u32, b: u32| i32::from(a as i16) - i32::from(b as i16);
+        let [low, high] = [difference(a, b), difference(a >> 16, b >> 16)];
+        let clamped = |difference: i32| difference.clamp(0, 255).cast_unsigned();
+        clamped(low) | clamped(high) << 16
+    }
 }
 
 /// Returns the word unchanged, but hides from the compiler how it was computed, so that
@@ -373,32 +404,60 @@ pub(super) fn meet_all(words: &[u32], meet: impl Fn(u32, u32) -> u32) -> u32 {
 #[inline(always)]
 #[must_use]
 pub(super) fn min_u8x4(a: u32, b: u32) -> u32 {
-    // No byte borrows.
-    a.wrapping_sub(sub_saturating_u8x4(a, b))
+    #[cfg(dsp_extension)]
+    {
+        // No byte borrows.
+        a.wrapping_sub(sub_saturating_u8x4(a, b))
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        lanes::min::<BYTES>(a, b)
+    }
 }
 
 /// The larger byte of each lane.
 #[inline(always)]
 #[must_use]
 pub(super) fn max_u8x4(a: u32, b: u32) -> u32 {
-    // No byte carries.
-    b.wrapping_add(sub_saturating_u8x4(a, b))
+    #[cfg(dsp_extension)]
+    {
+        // No byte carries.
+        b.wrapping_add(sub_saturating_u8x4(a, b))
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        lanes::max::<BYTES>(a, b)
+    }
 }
 
 /// Absolute differences of bytes.
 #[inline(always)]
 #[must_use]
 pub(super) fn distance_u8x4(a: u32, b: u32) -> u32 {
-    // One of the two differences is 0.
-    sub_saturating_u8x4(a, b) | sub_saturating_u8x4(b, a)
+    #[cfg(dsp_extension)]
+    {
+        // One of the two differences is 0.
+        sub_saturating_u8x4(a, b) | sub_saturating_u8x4(b, a)
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        lanes::distance::<BYTES>(a, b)
+    }
 }
 
 /// The smaller halfword of each lane.
 #[inline(always)]
 #[must_use]
 pub(super) fn min_u16x2(a: u32, b: u32) -> u32 {
-    // No halfword borrows.
-    a.wrapping_sub(sub_saturating_u16x2(a, b))
+    #[cfg(dsp_extension)]
+    {
+        // No halfword borrows.
+        a.wrapping_sub(sub_saturating_u16x2(a, b))
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        lanes::min::<HALFWORDS>(a, b)
+    }
 }
 
 /// The smaller signed halfword of each lane.
@@ -517,23 +576,55 @@ mod lanes {
         ((a | tops) - (b & !tops)) ^ ((a ^ !b) & tops)
     }
 
-    /// All bits of the lanes in which `a` is below `b`, given the differences of the lanes.
+    /// Top bit of each lane in which `a` is at least `b`.
     #[inline(always)]
-    fn borrowed<const BITS: u32>(a: u32, b: u32, difference: u32) -> u32 {
-        let borrows = ((!a & b) | (!(a ^ b) & difference)) & tops(BITS);
-        (borrows << 1).wrapping_sub(borrows >> (BITS - 1))
+    pub(super) fn tops_at_least<const BITS: u32>(a: u32, b: u32) -> u32 {
+        let tops = tops(BITS);
+        // Where the top bits are alike, the lower bits decide.
+        let lower = (a | tops) - (b & !tops);
+        (lower ^ ((lower ^ a) & (a ^ b))) & tops
     }
 
-    /// All bits of the lanes in which `a` is below `b`.
+    /// All bits of the lanes whose top bit is set.
     #[inline(always)]
-    pub(super) fn below<const BITS: u32>(a: u32, b: u32) -> u32 {
-        borrowed::<BITS>(a, b, difference::<BITS>(a, b))
+    fn spread<const BITS: u32>(tops: u32) -> u32 {
+        (tops << 1).wrapping_sub(tops >> (BITS - 1))
+    }
+
+    /// All bits of the lanes in which `a` is at least `b`.
+    #[inline(always)]
+    pub(super) fn at_least<const BITS: u32>(a: u32, b: u32) -> u32 {
+        spread::<BITS>(tops_at_least::<BITS>(a, b))
+    }
+
+    #[inline(always)]
+    pub(super) fn add_saturating<const BITS: u32>(a: u32, b: u32) -> u32 {
+        let tops = tops(BITS);
+        let lower = (a & !tops) + (b & !tops);
+        let carries = (a & b | (a ^ b) & lower) & tops;
+        lower ^ (a ^ b) & tops | spread::<BITS>(carries)
     }
 
     #[inline(always)]
     pub(super) fn sub_saturating<const BITS: u32>(a: u32, b: u32) -> u32 {
-        let difference = difference::<BITS>(a, b);
-        difference & !borrowed::<BITS>(a, b, difference)
+        difference::<BITS>(a, b) & at_least::<BITS>(a, b)
+    }
+
+    #[inline(always)]
+    pub(super) fn min<const BITS: u32>(a: u32, b: u32) -> u32 {
+        a ^ (a ^ b) & at_least::<BITS>(a, b)
+    }
+
+    #[inline(always)]
+    pub(super) fn max<const BITS: u32>(a: u32, b: u32) -> u32 {
+        b ^ (a ^ b) & at_least::<BITS>(a, b)
+    }
+
+    #[inline(always)]
+    pub(super) fn distance<const BITS: u32>(a: u32, b: u32) -> u32 {
+        let below = tops_at_least::<BITS>(a, b) ^ tops(BITS);
+        // Negative differences are not 0, so that no lane carries.
+        (difference::<BITS>(a, b) ^ spread::<BITS>(below)) + (below >> (BITS - 1))
     }
 
     #[inline(always)]
@@ -572,6 +663,13 @@ mod tests {
             assert_eq!(halve_difference_u8x4(a, b), bytes(a, b, halved));
             let found = select_ge_u8x4(a, b, u32::MAX, 0);
             assert_eq!(found, bytes(a, b, |a, b| ge(a >= b)));
+            assert_eq!(is_ge_u8x4(a, b), bytes(a, b, |a, b| (a >= b).into()));
+            assert_eq!(min_u8x4(a, b), bytes(a, b, u8::min));
+            assert_eq!(max_u8x4(a, b), bytes(a, b, u8::max));
+            assert_eq!(distance_u8x4(a, b), bytes(a, b, u8::abs_diff));
+            assert_eq!(min_u16x2(a, b), halfwords(a, b, u16::min));
+            let clamped = |a: i16, b: i16| a.saturating_sub(b).clamp(0, 255);
+            assert_eq!(sub_to_u8x2(a, b), signed_halfwords(a, b, clamped));
             assert_eq!(
                 sub_saturating_u16x2(a, b),
                 halfwords(a, b, u16::saturating_sub)

@@ -14,8 +14,8 @@ use vgstereo_core::kernel::{self, MAX_CHANNELS, WeightedMedianRow};
 use super::simd::{
     add_even_bytes, add_odd_bytes, add_saturating_i16x2, add_saturating_u8x4, afresh,
     distance_u8x4, even_bytes, halve_sum_u8x4, halve_sum_u16x2, in_order, load, load_six, max_u8x4,
-    min_i16x2, min_u8x4, odd_bytes, pair_of, saturate_to_u8x2, select_ge_i16x2, select_ge_u8x4,
-    select_ge_u16x2, splat_u8, splat_u16, sub_saturating_i16x2, sub_saturating_u8x4,
+    min_i16x2, min_u8x4, odd_bytes, pair_of, select_ge_i16x2, select_ge_u8x4, select_ge_u16x2,
+    splat_u8, splat_u16, sub_saturating_i16x2, sub_saturating_u8x4, sub_to_u8x2,
 };
 
 /// Pixels filtered at once.
@@ -271,8 +271,7 @@ fn list_row<const CHANNELS: usize, const CLEAR: bool>(
             let known = |values, byte| select_ge_i16x2(values, least, byte, 0);
             weights &= known(values[0], splat_u16(0xff)) | known(values[1], splat_u16(0xff00));
         }
-        let [a, b] =
-            from_fn(|word| saturate_to_u8x2(sub_saturating_i16x2(values[word], origins[word])));
+        let [a, b] = from_fn(|word| sub_to_u8x2(values[word], origins[word]));
         *list.get_mut(listed)? = [a | b << 8, weights];
         listed += 1;
     }
