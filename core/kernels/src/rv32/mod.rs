@@ -2,9 +2,11 @@
 
 mod aggregate;
 mod cost;
+mod counted;
 #[allow(unsafe_code)]
 mod least;
 mod levels;
+mod packed;
 mod select;
 
 use vgstereo_core::forward_kernels;
