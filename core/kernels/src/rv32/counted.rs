@@ -100,13 +100,14 @@ impl<'a, const TERMS: usize, const WORDS: usize> Pixel<'a, TERMS, WORDS> {
     #[inline(always)]
     fn pattern_cost(&self, other: &[u32; WORDS]) -> u32 {
         let mut cells = 0;
-        for word in 0..WORDS {
-            let differing = other[word] ^ self.pattern[word];
-            cells += match TERMS {
-                1 => differing,
-                _ => differing & self.mask[word],
-            }
-            .count_ones();
+        for (other, (pattern, mask)) in other.iter().zip(self.pattern.iter().zip(&self.mask)) {
+            let differing = other ^ pattern;
+            let counted = if TERMS == 1 {
+                differing
+            } else {
+                differing & mask
+            };
+            cells += counted.count_ones();
         }
         let cost = if TERMS == 1 {
             // The cost of a cell is a whole number.
