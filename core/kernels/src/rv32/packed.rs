@@ -8,7 +8,7 @@ use bytemuck::{must_cast_slice_mut, try_cast_slice_mut};
 use super::cost::{BLOCK, Group, POSITIONS};
 use super::levels::{LevelCosts, PLACES, cost_at};
 use crate::armv7em::cost::{Constants, count};
-use crate::armv7em::simd::{even_bytes, odd_bytes, splat_u8, splat_u16, unrolled};
+use crate::armv7em::simd::{even_bytes, odd_bytes, splat_u8, splat_u16};
 
 /// Disparities that share a word of costs, and the words of a block.
 const QUAD: usize = 4;
@@ -112,26 +112,41 @@ impl<'a, const BYTES: usize, const TERMS: usize, const TILE: usize> Pixel<'a, BY
             let Some(tile) = tile else {
                 return;
             };
-            unrolled::<WORDS>(|at| {
-                let differing = |byte: usize| {
-                    let others = tile[(byte * ROW + at) % TILE];
-                    match self.patterns[byte].as_slice() {
-                        [input, mask] => (others ^ input) & mask,
-                        [input] => others ^ input,
-                        _ => 0,
-                    }
-                };
-                let counts = count::<BYTES>(
-                    constants,
-                    |first| [differing(first), differing(first + 1), differing(first + 2)],
-                    |first| [differing(first), differing(first + 1)],
-                    || differing(BYTES - 1),
-                );
-                let level = |lane: usize| cost_at(self.levels, places[QUAD * at + lane]);
-                let levels = level(0) | level(1) << 8 | level(2) << 16 | level(3) << 24;
-                costs[at] = self.truncation + levels - self.missing(counts);
-            });
+            // Not by a closure, which the compiler would not inline so often.
+            costs[0] = self.cost::<0>(constants, tile, places);
+            costs[1] = self.cost::<1>(constants, tile, places);
+            costs[2] = self.cost::<2>(constants, tile, places);
+            costs[3] = self.cost::<3>(constants, tile, places);
         }
+    }
+
+    /// The costs of a block's word `AT`. The tile begins with the block's patterns, and the places with its
+    /// intervals.
+    #[inline(always)]
+    fn cost<const AT: usize>(
+        &self,
+        constants: Constants,
+        tile: &[u32; TILE],
+        places: &[u16; BLOCK],
+    ) -> u32 {
+        let differing = |byte: usize| {
+            // The remainder changes nothing; it spares a bounds check.
+            let others = tile[(byte * ROW + AT) % TILE];
+            match self.patterns[byte].as_slice() {
+                [input, mask] => (others ^ input) & mask,
+                [input] => others ^ input,
+                _ => 0,
+            }
+        };
+        let counts = count::<BYTES>(
+            constants,
+            |first| [differing(first), differing(first + 1), differing(first + 2)],
+            |first| [differing(first), differing(first + 1)],
+            || differing(BYTES - 1),
+        );
+        let level = |lane: usize| cost_at(self.levels, places[QUAD * AT + lane]);
+        let levels = level(0) | level(1) << 8 | level(2) << 16 | level(3) << 24;
+        self.truncation + levels - self.missing(counts)
     }
 
     /// Returns by how much the costs of four counts of differing cells are below their truncation.
