@@ -296,8 +296,8 @@ pub(super) fn opaque(word: u32) -> u32 {
 /// Takes no instruction.
 #[inline(always)]
 #[must_use]
-pub(super) fn in_order(word: u32) -> u32 {
-    #[cfg(dsp_extension)]
+pub(crate) fn in_order(word: u32) -> u32 {
+    #[cfg(any(dsp_extension, target_arch = "riscv32"))]
     {
         let mut word = word;
         // SAFETY: there is no instruction. Not pure, and so not moved past memory accesses.
@@ -307,7 +307,7 @@ pub(super) fn in_order(word: u32) -> u32 {
         }
         word
     }
-    #[cfg(not(dsp_extension))]
+    #[cfg(not(any(dsp_extension, target_arch = "riscv32")))]
     {
         word
     }

@@ -8,7 +8,7 @@ use bytemuck::{must_cast_slice_mut, try_cast_slice_mut};
 use super::cost::{BLOCK, Group, POSITIONS};
 use super::levels::{LevelCosts, PLACES, cost_at};
 use crate::armv7em::cost::{Constants, count};
-use crate::armv7em::simd::{even_bytes, odd_bytes, splat_u8, splat_u16};
+use crate::armv7em::simd::{even_bytes, in_order, odd_bytes, splat_u8, splat_u16};
 
 /// Disparities that share a word of costs, and the words of a block.
 const QUAD: usize = 4;
@@ -146,7 +146,8 @@ impl<'a, const BYTES: usize, const TERMS: usize, const TILE: usize> Pixel<'a, BY
         );
         let level = |lane: usize| cost_at(self.levels, places[QUAD * AT + lane]);
         let levels = level(0) | level(1) << 8 | level(2) << 16 | level(3) << 24;
-        self.truncation + levels - self.missing(counts)
+        // One word after the other, because there are few registers.
+        in_order(self.truncation + levels - self.missing(counts))
     }
 
     /// Returns by how much the costs of four counts of differing cells are below their truncation.
