@@ -6,7 +6,10 @@
 //! from its only one, and one table has them all. A position of the other view is the place in the table of its
 //! interval, and a level the offset from there.
 
+use bytemuck::{must_cast_slice, must_cast_slice_mut};
 use vgstereo_core::kernel::CostRun;
+
+use crate::armv7em::simd::{in_order, splat_u8};
 
 /// Places in the table of level 0 against an interval that begins at 0: for intervals of the common length,
 /// for those that are open above, and for those that are open below and end at 0.
@@ -19,11 +22,11 @@ pub(super) const PLACES: usize = 1024;
 const _: () = assert!(OPEN_BELOW < PLACES as u16);
 
 /// Length of the table: all levels from each place on.
-const LENGTH: usize = 255 + PLACES;
+const LENGTH: usize = 256 + PLACES;
 
 /// Costs of a level against all intervals, by their place.
 pub(super) struct LevelCosts {
-    table: [u8; LENGTH],
+    words: [u32; LENGTH / 4],
     /// The highest level less the lowest in each interval that is open at neither end.
     length: u8,
 }
@@ -41,15 +44,18 @@ impl LevelCosts {
         let weight = u32::from(run.difference_weight_q4);
         let cost = |difference: usize| ((difference as u32 * weight) >> 4) as u8;
         let truncation = usize::from(run.difference_truncation);
-        let mut table = [cost(truncation); LENGTH];
+        // By words, because what fills bytes is a function of the compiler's that takes four instructions a word.
+        let mut words = [in_order(splat_u8(cost(truncation))); LENGTH / 4];
+        let table: &mut [u8] = must_cast_slice_mut(words.as_mut_slice());
         let lows = [CLOSED, OPEN_ABOVE].map(usize::from);
         let ends = [CLOSED + u16::from(length), OPEN_BELOW].map(usize::from);
         let bounds = [usize::from(OPEN_ABOVE) - 255, LENGTH];
         for ((low, end), bound) in lows.into_iter().zip(ends).zip(bounds) {
             // Beside the interval, costs rise to either side.
             for difference in 1..truncation {
-                if let Some(place) = low.checked_sub(difference) {
-                    table[place % LENGTH] = cost(difference);
+                let below = low.checked_sub(difference);
+                if let Some(place) = below.and_then(|below| table.get_mut(below)) {
+                    *place = cost(difference);
                 }
                 if let Some(place) = table
                     .get_mut(..bound)
@@ -62,7 +68,7 @@ impl LevelCosts {
                 inside.fill(0);
             }
         }
-        Self { table, length }
+        Self { words, length }
     }
 
     /// Writes the place of each interval; returns `None` if one has another length than the rest.
@@ -84,7 +90,8 @@ impl LevelCosts {
     /// The costs of a level, by the place of the interval.
     #[inline(always)]
     pub(super) fn of(&self, level: u8) -> Option<&[u8; PLACES]> {
-        self.table.get(level.into()..)?.first_chunk()
+        let table: &[u8] = must_cast_slice(self.words.as_slice());
+        table.get(level.into()..)?.first_chunk()
     }
 }
 

@@ -174,23 +174,45 @@ impl Pixel<'_> {
             0
         };
         // The second best is in another word than the best and its neighbours, or beside them in theirs.
-        let words = index.saturating_sub(1) / QUAD..((index + 1) / QUAD + 1).min(minima.len());
-        let disparities = QUAD * words.start..(QUAD * words.end).min(self.disparities);
-        if let Some(minima) = minima.get_mut(words) {
-            minima.fill(u32::MAX);
-        }
-        let mut second = u32::MAX;
-        for disparity in disparities {
-            if disparity.abs_diff(index) > 1 {
-                second = second.min(self.sum(disparity));
+        let (first, last) = (index.saturating_sub(1) / QUAD, (index + 1) / QUAD);
+        for word in [first, last] {
+            if let Some(minimum) = minima.get_mut(word) {
+                *minimum = u32::MAX;
             }
         }
-        let second = second.min(least_of(minima) >> SUM_SHIFT);
+        let mut second = least(
+            self.least_beside(first, index),
+            least_of(minima) >> SUM_SHIFT,
+        );
+        if last > first {
+            second = least(second, self.least_beside(last, index));
+        }
         Selected {
             index: index as u16,
             refined_index_q4: (index as i32 * i32::from(STEPS_PER_PX) + step_q4) as i16,
             margin: (second - sum) as i16,
         }
+    }
+}
+
+impl Pixel<'_> {
+    /// The least sum of a word's disparities but the best one and its neighbours.
+    #[inline(always)]
+    fn least_beside(&self, word: usize, best: usize) -> u32 {
+        let mut found = u32::MAX;
+        let [left, right, above] = self.paths.map(|path| path.get(word).copied());
+        if let (Some(left), Some(right), Some(above)) = (left, right, above) {
+            let even = even_bytes(left) + even_bytes(right) + even_bytes(above);
+            let odd = odd_bytes(left) + odd_bytes(right) + odd_bytes(above);
+            let sums = [even & 0xffff, odd & 0xffff, even >> 16, odd >> 16];
+            // Beyond the range, sums are the largest there are.
+            for (sum, disparity) in sums.into_iter().zip(QUAD * word..) {
+                if disparity.abs_diff(best) > 1 {
+                    found = least(found, sum);
+                }
+            }
+        }
+        found
     }
 }
 
@@ -216,5 +238,10 @@ fn meet_quad([left, right, above]: [u32; 3], indices: [u32; 2], others: &mut [u3
 /// The least of these keys.
 #[inline(always)]
 fn least_of(keys: &[u32]) -> u32 {
-    keys.iter().fold(u32::MAX, |found, &key| least(found, key))
+    let (blocks, rest) = keys.as_chunks();
+    let mut found = u32::MAX;
+    for &[a, b, c, d] in blocks {
+        found = least(least(least(least(found, a), b), c), d);
+    }
+    rest.iter().fold(found, |found, &key| least(found, key))
 }
