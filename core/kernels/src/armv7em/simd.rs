@@ -1,6 +1,6 @@
 //! Operations on the four bytes or two halfwords of a register.
 //!
-//! Lane 0 is the lowest, which is the first in memory. Of the kernels, this is the only module with
+//! Lane 0 is the lowest, which is the first in memory. Of this set, this is the only module with
 //! `unsafe` code. Each use is an instruction that reads and writes only registers and flags, or loads words of a
 //! reference, or it is empty assembly that holds back the optimiser.
 

@@ -3,25 +3,12 @@
 //! Costs of levels are [looked up](LevelCosts). Differing cells are counted by Zbb's instruction that counts the
 //! ones of a word ([`counted`]), or four disparities at a time ([`packed`]).
 
-use vgstereo_core::kernel::{
-    CELLS_PER_BYTE, CostRun, Kernels, LANES, NO_COST, Planes, cost_stride,
-};
+use vgstereo_core::kernel::{CELLS_PER_BYTE, CostRun, Kernels, NO_COST, Planes, cost_stride};
 
+use super::group::{Group, MAX_STRIDE, PIXELS, POSITIONS};
 use super::levels::LevelCosts;
 use super::{counted, packed};
 use crate::Armv7em;
-
-/// Largest number of disparities, rounded up to a multiple of 16.
-const MAX_STRIDE: usize = 64;
-
-/// Pixels whose patterns are copied at a time.
-const PIXELS: usize = 32;
-
-/// Positions of the other view that their disparities reach, and one more.
-pub(super) const POSITIONS: usize = PIXELS + MAX_STRIDE;
-
-/// Disparities whose loop is unrolled. All rows of disparities are a multiple of it.
-pub(super) const BLOCK: usize = LANES;
 
 /// Equals [`vgstereo_core::kernel::cost_run`] bit for bit.
 pub(super) fn cost_run(run: &CostRun<'_>, costs: &mut [u8]) {
@@ -83,28 +70,6 @@ fn are_whole(run: &CostRun<'_>) -> bool {
     let bits = run.cell_costs_q8.iter().fold(0, |bits, &cost| bits | cost);
     let most = usize::from(bits / 256) * run.inputs.count * CELLS_PER_BYTE;
     bits.is_multiple_of(256) && most <= u8::MAX.into()
-}
-
-/// Pixels, at most [`PIXELS`], that are compared with the same positions of the other view. Patterns have `BYTES`
-/// bytes; `TERMS` is 2 with masks and 1 if all cells count.
-pub(super) struct Group<'a, const BYTES: usize, const TERMS: usize> {
-    /// The pixels' patterns, byte by byte.
-    pub(super) inputs: [&'a [u8]; BYTES],
-    /// Their masks; empty without masks.
-    pub(super) masks: [&'a [u8]; BYTES],
-    /// Cost of a differing cell of each pixel, 1/256 of a cost.
-    pub(super) cell_costs_q8: &'a [u16],
-    /// Largest cost of each pixel's pattern, at most 127.
-    pub(super) truncations: &'a [u8],
-    /// The pixels' levels.
-    pub(super) levels: &'a [u8],
-    /// Patterns of the other view, byte by byte. The first position is that of the last pixel's lowest
-    /// disparity, and that of each pixel before it is one more.
-    pub(super) stored: [&'a [u8]; BYTES],
-    /// Places of the other view's intervals of levels in [`LevelCosts`], from the same position on.
-    pub(super) places: &'a [u16; POSITIONS],
-    /// Bytes of costs per pixel.
-    pub(super) stride: usize,
 }
 
 /// Writes the costs of a group of pixels; returns `None` if its rows are too short.

@@ -3,7 +3,7 @@
 
 use core::array::from_fn;
 
-use super::cost::{BLOCK, Group, POSITIONS};
+use super::group::{BLOCK, Group, POSITIONS};
 use super::levels::{LevelCosts, PLACES, cost_at};
 use crate::armv7em::simd::unrolled;
 

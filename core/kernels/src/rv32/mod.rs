@@ -3,6 +3,7 @@
 mod aggregate;
 mod cost;
 mod counted;
+mod group;
 #[allow(unsafe_code)]
 mod least;
 mod levels;
@@ -14,22 +15,20 @@ use vgstereo_core::kernel::{AggregateRow, CostRun, Kernels, Portable};
 
 use crate::armv7em::Armv7em;
 
-/// Kernel set for RV32: the kernels of [`Armv7em`] that are faster even without byte SIMD, and the
-/// reference for all others.
+/// Kernel set for RV32: matching costs, path costs and selection of its own, the kernels of [`Armv7em`] that are
+/// faster even without byte SIMD, and the reference for all others.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Rv32;
 
 impl Kernels for Rv32 {
-    const FUSES_SELECTION: bool = Portable::FUSES_SELECTION;
+    const FUSES_SELECTION: bool = false;
 
-    // Counting bits of four patterns at once and packing four pixels into a register save more than
-    // it costs to replace each byte SIMD instruction by a dozen ordinary ones.
-    forward_kernels!(set => &Armv7em; smooth_row, mask_block, arms_row,
-        weighted_median_row);
-    // The kernels of `Armv7em` were not found to be faster here.
-    forward_kernels!(set => &Portable; convert_row, pack_cells, median9_row);
-    // On Arm, byte SIMD does most of the work of these. Not measured here.
-    forward_kernels!(set => &Portable; penalty_row, rivals_row, check_row);
+    // Four pixels in a register save more than it costs to replace each byte SIMD instruction by a
+    // dozen ordinary ones.
+    forward_kernels!(set => &Armv7em; smooth_row, mask_block, arms_row, weighted_median_row);
+    // The kernels of `Armv7em` were measured to be slower here, together and stage by stage.
+    forward_kernels!(set => &Portable; convert_row, pack_cells, penalty_row, rivals_row, check_row,
+        median9_row);
     // `Armv7em` has no kernels of its own for these.
     forward_kernels!(set => &Portable; luma_row, channel_row, recall_row);
     // `Armv7em` looks lines up and checks positions once per cell of knots, the reference for each

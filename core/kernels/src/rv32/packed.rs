@@ -5,7 +5,7 @@
 
 use bytemuck::{must_cast_slice_mut, try_cast_slice_mut};
 
-use super::cost::{BLOCK, Group, POSITIONS};
+use super::group::{BLOCK, Group, POSITIONS};
 use super::levels::{LevelCosts, PLACES, cost_at};
 use crate::armv7em::cost::{Constants, count};
 use crate::armv7em::simd::{even_bytes, in_order, odd_bytes, splat_u8, splat_u16};
