@@ -26,7 +26,7 @@ fn write_costs<const COUNTS_ONES: bool>(run: &CostRun<'_>, costs: &mut [u8]) -> 
     if !has_grey || !fits || pixels == 0 {
         return None;
     }
-    let stride = cost_stride(run.disparities);
+    let stride = cost_stride(run.disparities).max(1);
     let lowest = run.first_position.checked_sub(pixels - 1)?;
     let positions = lowest..lowest + pixels - 1 + stride;
     let low = run.other_low[0].get(positions.clone())?;
@@ -83,11 +83,11 @@ fn write_groups<const BYTES: usize, const TERMS: usize>(
     costs: &mut [u8],
     write: Write<BYTES, TERMS>,
 ) -> Option<()> {
-    let stride = cost_stride(run.disparities);
+    let stride = cost_stride(run.disparities).max(1);
     let mut places = [0; POSITIONS];
     let cells = run.cell_costs_q8.chunks(PIXELS);
     let cells = cells.zip(run.truncations.chunks(PIXELS));
-    let groups = costs.chunks_mut(PIXELS * stride).zip(cells);
+    let groups = costs.chunks_mut((PIXELS * stride).max(1)).zip(cells);
     for ((costs, (cell_costs_q8, truncations)), first) in groups.zip((0..).step_by(PIXELS)) {
         let pixels = cell_costs_q8.len().min(truncations.len());
         let lowest = run.first_position.checked_sub(first + pixels - 1)?;

@@ -16,8 +16,9 @@ pub(super) fn write<const BYTES: usize, const TERMS: usize, const WORDS: usize>(
 ) -> Option<()> {
     let mut others = [[0; WORDS]; POSITIONS];
     join(group.stored, &mut others);
-    let pixels = costs.chunks_exact_mut(group.stride).enumerate();
-    for (at, (x, costs)) in pixels.take(group.levels.len()).rev().enumerate() {
+    let stride = group.stride;
+    for (at, x) in (0..group.levels.len()).rev().enumerate() {
+        let costs = costs.get_mut(stride * x..stride * (x + 1))?;
         let pixel = Pixel::<TERMS, WORDS>::new(group, x, levels)?;
         pixel.write(others.get(at..)?, group.places.get(at..)?, costs);
     }
