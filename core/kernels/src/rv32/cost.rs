@@ -8,7 +8,7 @@ use vgstereo_core::kernel::{CELLS_PER_BYTE, CostRun, Kernels, NO_COST, Planes, c
 use super::group::{Group, MAX_STRIDE, PIXELS, POSITIONS};
 use super::levels::LevelCosts;
 use super::{counted, packed};
-use crate::Armv7em;
+use crate::armv7em::Armv7em;
 
 /// Equals [`vgstereo_core::kernel::cost_run`] bit for bit.
 pub(super) fn cost_run(run: &CostRun<'_>, costs: &mut [u8]) {
