@@ -40,7 +40,6 @@ const PART: usize = 8;
 const MAX_PARTS: usize = 4;
 
 /// Writes the costs of every pixel of the run.
-#[cfg_attr(target_arch = "riscv32", inline(always))]
 pub(super) fn cost_run(run: &CostRun<'_>, costs: &mut [u8]) {
     if cost_registers(run, costs).is_none() {
         portable(run, costs);
@@ -48,9 +47,6 @@ pub(super) fn cost_run(run: &CostRun<'_>, costs: &mut [u8]) {
 }
 
 /// Writes the costs of a run, or returns `None` without a result if this code does not support it.
-// Inlined for soft cores, whose code memory is short: a set that knows which patterns there are is rid of the
-// code for all others.
-#[cfg_attr(target_arch = "riscv32", inline(always))]
 fn cost_registers(run: &CostRun<'_>, costs: &mut [u8]) -> Option<()> {
     let fits = (1..=MAX_STRIDE).contains(&run.disparities);
     let weighing = Weighing::new(run).filter(|_| fits)?;

@@ -8,12 +8,11 @@ use vgstereo_core::kernel::{CELLS_PER_BYTE, CostRun, Kernels, NO_COST, Planes, c
 use super::group::{Group, MAX_STRIDE, PIXELS, POSITIONS};
 use super::levels::LevelCosts;
 use super::{counted, packed};
-use crate::armv7em::Armv7em;
 
-/// Equals [`vgstereo_core::kernel::cost_run`] bit for bit.
-pub(super) fn cost_run(run: &CostRun<'_>, costs: &mut [u8]) {
+/// Equals [`vgstereo_core::kernel::cost_run`] bit for bit. What this code does not support is left to `others`.
+pub(super) fn cost_run(others: &impl Kernels, run: &CostRun<'_>, costs: &mut [u8]) {
     if write_costs::<{ cfg!(target_feature = "zbb") }>(run, costs).is_none() {
-        Armv7em.cost_run(run, costs);
+        others.cost_run(run, costs);
     }
 }
 

@@ -20,6 +20,16 @@ use crate::armv7em::Armv7em;
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Rv32;
 
+impl Rv32 {
+    /// Writes the costs of a run as [`Kernels::cost_run`] does, and leaves those that this set has no kernel of its own
+    /// for to another set: to [`Portable`] where memory for code is short. Of its own it has one for 32 cells and one
+    /// for 48 masked cells, with up to 64 disparities and levels of grey.
+    #[inline]
+    pub fn cost_run_or(self, others: &impl Kernels, run: &CostRun<'_>, costs: &mut [u8]) {
+        cost::cost_run(others, run, costs);
+    }
+}
+
 impl Kernels for Rv32 {
     const FUSES_SELECTION: bool = false;
 
@@ -37,7 +47,7 @@ impl Kernels for Rv32 {
 
     #[inline]
     fn cost_run(&self, run: &CostRun<'_>, costs: &mut [u8]) {
-        cost::cost_run(run, costs);
+        self.cost_run_or(&Armv7em, run, costs);
     }
 
     #[inline]
