@@ -8,13 +8,7 @@ use std::process::Command;
 use anyhow::{Context, Result, ensure};
 
 use crate::board::Board;
-use crate::toolchain::Toolchain;
-
-/// Returns the folder of the repository.
-pub(crate) fn root() -> &'static Path {
-    let own = Path::new(env!("CARGO_MANIFEST_DIR"));
-    own.ancestors().nth(2).unwrap_or(own)
-}
+use crate::toolchain::{Toolchain, root};
 
 /// Builds a board's firmware as it is released and returns the path of the linked file.
 ///

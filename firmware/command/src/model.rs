@@ -210,12 +210,12 @@ fn compiler(board: &Board) -> Result<ModelCompiler> {
 
 /// The folder that models are built in.
 fn target_folder() -> PathBuf {
-    crate::build::root().join("target/model")
+    crate::toolchain::root().join("target/model")
 }
 
 /// The command that compiles a model with this verb of cargo.
 fn cargo(compiler: ModelCompiler, model: Model, verb: &str) -> Command {
-    let folder = crate::build::root().join("firmware/boards");
+    let folder = crate::toolchain::root().join("firmware/boards");
     let mut cargo = compiler.cargo();
     cargo
         .args([verb, "--release", "--locked", "--quiet"])

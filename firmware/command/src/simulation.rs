@@ -13,12 +13,11 @@ use vgstereo_firmware::camera::ErrorKind;
 use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
 
 use crate::board::Board;
-use crate::build::root;
 use crate::elf::{self, Image};
 use crate::host::Frames;
 use crate::pair::Pair;
 use crate::received::{Received, SentFrame};
-use crate::toolchain::Simulator;
+use crate::toolchain::{Simulator, root};
 
 /// The symbol of the place for the request in the image, and its length in bytes.
 const REQUEST: &str = "request";

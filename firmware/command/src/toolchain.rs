@@ -17,6 +17,12 @@ const DEBIAN_COMPILER_PACKAGES: [&str; 2] = ["rustc-web", "rust-web-src"];
 const DEBIAN_LINTER: &str = "/usr/bin/cargo-clippy";
 const DEBIAN_LINTER_PACKAGE: &str = "rust-web-clippy";
 
+/// Returns the folder of the repository.
+pub(crate) fn root() -> &'static Path {
+    let own = Path::new(env!("CARGO_MANIFEST_DIR"));
+    own.ancestors().nth(2).unwrap_or(own)
+}
+
 /// A compiler for a target.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Toolchain {
@@ -162,7 +168,7 @@ impl Simulator {
     /// The folder that boards in RTL are built in.
     #[must_use]
     pub fn folder() -> PathBuf {
-        crate::build::root().join("target/softcore")
+        root().join("target/softcore")
     }
 
     /// The Python environment in which their processors are installed.
@@ -185,7 +191,7 @@ fn processor() -> Option<PathBuf> {
 /// Installs the processors of boards in RTL in a Python environment of their own.
 fn install_processor() -> Result<()> {
     let environment = Simulator::environment();
-    let requirements = crate::build::root().join("firmware/boards/softcore/requirements.txt");
+    let requirements = root().join("firmware/boards/softcore/requirements.txt");
     let mut create = Command::new("python3");
     create.args(["-m", "venv"]).arg(&environment);
     let mut install = Command::new(environment.join("bin/pip"));
