@@ -44,6 +44,7 @@ module dvp_pair #(
   logic [15:0] left_frame, right_frame, left_next, right_next, left_begun, right_begun;
   logic left_skipped, right_skipped, left_begins, right_begins, left_takes, right_takes;
   logic left_full, right_full, left_valid, right_valid, left_gap, right_gap, left_torn, right_torn;
+  logic left_comes, right_comes;
   logic [15:0] left_line_frame, right_line_frame, left_line, right_line, left_pixels, right_pixels;
   logic [31:0] left_ended, right_ended, left_word, right_word;
   logic [15:0] left_waiting, right_waiting, left_lost, right_lost;
@@ -58,8 +59,8 @@ module dvp_pair #(
       .frame(left_frame), .next_line(left_next), .skipped(left_skipped),
       .frame_begins(left_begins), .frame_next(left_begun), .takes(left_takes), .is_full(left_full),
       .close(close && close_frame == left_frame), .restart, .restart_frame(later_frame),
-      .valid(left_valid), .line_frame(left_line_frame), .line(left_line), .pixels(left_pixels),
-      .ended(left_ended), .gap(left_gap), .is_torn(left_torn), .pop(pair_pop || left_drop),
+      .valid(left_valid), .comes_next(left_comes), .line_frame(left_line_frame), .line(left_line),
+      .pixels(left_pixels), .ended(left_ended), .gap(left_gap), .is_torn(left_torn), .pop(pair_pop || left_drop),
       .drop(left_drop), .word_at(addr[AT+1:2]), .word(left_word), .waiting(left_waiting),
       .lost(left_lost));
   dvp_sensor #(.LINES(LINES), .LINE_WORDS(LINE_WORDS)) right (
@@ -67,8 +68,8 @@ module dvp_pair #(
       .frame(right_frame), .next_line(right_next), .skipped(right_skipped),
       .frame_begins(right_begins), .frame_next(right_begun), .takes(right_takes),
       .is_full(right_full), .close(close && close_frame == right_frame), .restart,
-      .restart_frame(later_frame), .valid(right_valid), .line_frame(right_line_frame),
-      .line(right_line), .pixels(right_pixels), .ended(right_ended), .gap(right_gap),
+      .restart_frame(later_frame), .valid(right_valid), .comes_next(right_comes),
+      .line_frame(right_line_frame), .line(right_line), .pixels(right_pixels), .ended(right_ended), .gap(right_gap),
       .is_torn(right_torn), .pop(pair_pop || right_drop), .drop(right_drop),
       .word_at(addr[AT+1:2]), .word(right_word), .waiting(right_waiting), .lost(right_lost));
 
@@ -90,9 +91,9 @@ module dvp_pair #(
   wire both = left_valid && right_valid;
   wire same = places_apart == 0;
   wire ready = both && same;
-  assign left_drop = !restart && left_valid
+  assign left_drop = !restart && left_valid && !right_comes
       && (right_valid ? !same && places_apart[31] : !right_past[31]);
-  assign right_drop = !restart && right_valid
+  assign right_drop = !restart && right_valid && !left_comes
       && (left_valid ? !same && !places_apart[31] : !left_past[31]);
   // Why: the partner had no room, or the sensors are not where they should be.
   wire left_is_overrun = right_valid ? left_line_frame == right_line_frame && right_gap

@@ -25,6 +25,7 @@ module dvp_sensor #(
     input  logic [15:0] restart_frame,     // the number of the frame before that one
     // The oldest line.
     output logic        valid,
+    output logic        comes_next,        // there is one, but it is not read from the ring yet
     output logic [15:0] line_frame, line,
     output logic [15:0] pixels,
     output logic [31:0] ended,             // when, in cycles
@@ -75,14 +76,19 @@ module dvp_sensor #(
     if (stores && fits && (is_word || (is_end && rest != 0))) ring[write_base + AT'(place)] <= data;
     word <= ring[read_base + AT'(word_at)];
   end
-  logic [81:0] known[LINES];
+  logic [81:0] known[LINES], fetched;
+  logic is_fetched;
   always_ff @(posedge clk) begin
     if (ends) begin
       known[write_slot] <= {skipped, torn || comes_torn, now, count + 16'(rest), frame, next_line};
     end
+    // Two registers: block RAM is slow. The slot after one that is popped or forgotten is read anew.
+    fetched <= known[read_slot];
+    is_fetched <= rst_n && !pop && !restart && waiting != 0;
+    {gap, is_torn, ended, pixels, line_frame, line} <= fetched;
+    valid <= rst_n && !pop && !restart && is_fetched;
   end
-  assign {gap, is_torn, ended, pixels, line_frame, line} = known[read_slot];
-  assign valid = waiting != 0;
+  assign comes_next = waiting != 0 && !valid;
 
   function automatic logic [SLOT-1:0] after(input logic [SLOT-1:0] slot);
     return slot == SLOT'(LINES - 1) ? '0 : slot + 1'b1;
