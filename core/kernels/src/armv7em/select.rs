@@ -16,11 +16,11 @@ use super::simd::{
 };
 
 /// Bits of the index, which is below the sum in a key. A sum is at most 3 * 255.
-const INDEX_BITS: u32 = 6;
-const INDEX_MASK: u32 = (1 << INDEX_BITS) - 1;
+pub(crate) const INDEX_BITS: u32 = 6;
+pub(crate) const INDEX_MASK: u32 = (1 << INDEX_BITS) - 1;
 
 /// Smallest number of disparities: of as many, there is always a second best.
-const DISPARITIES_MIN: usize = 4;
+pub(crate) const DISPARITIES_MIN: usize = 4;
 
 /// Least key of each pair of disparities, with a guard at either end.
 type Minima = [Pair; MAX_STRIDE / 8 + 2];

@@ -181,9 +181,9 @@ struct Run {
     p1: u32,
     /// P2 in all four bytes.
     p2: u32,
-    /// Path cost of the previous pixel from which on a larger step is cheaper.
+    /// Path cost of the previous pixel, at the same disparity, from which on a larger step is cheaper.
     ceiling: u32,
-    /// The same of the neighbouring disparities.
+    /// Path cost of the previous pixel, at a neighbouring disparity, from which on a larger step is cheaper.
     neighbour_ceiling: u32,
     /// Half the ceiling, rounded up, in all four bytes.
     half_ceiling: u32,

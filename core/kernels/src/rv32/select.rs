@@ -9,19 +9,10 @@ use bytemuck::{must_cast_slice, try_cast_slice};
 use vgstereo_core::disparity::STEPS_PER_PX;
 use vgstereo_core::kernel::{self, AggregateRow};
 
+use super::group::MAX_STRIDE;
 use super::least::least;
-use crate::armv7em::select::Subpixel;
+use crate::armv7em::select::{DISPARITIES_MIN, INDEX_BITS, INDEX_MASK, Subpixel};
 use crate::armv7em::simd::{even_bytes, odd_bytes, splat_u16, unrolled};
-
-/// Largest number of disparities, rounded up to a multiple of 16.
-const MAX_STRIDE: usize = 64;
-
-/// Smallest number of disparities: of as many, there is always a second best.
-const DISPARITIES_MIN: usize = 4;
-
-/// Bits of the index, which is below the sum in a key. A sum is at most 3 * 255.
-const INDEX_BITS: u32 = 6;
-const INDEX_MASK: u32 = (1 << INDEX_BITS) - 1;
 
 /// Bits below the sum in a key.
 const SUM_SHIFT: u32 = 16 + INDEX_BITS;
@@ -128,7 +119,7 @@ impl Pixel<'_> {
         }
     }
 
-    /// The same for the disparities from `first` on, which do not fill a block.
+    /// Compares the keys of the disparities from `first` on, too few to fill a block, as [`meet`](Self::meet) does.
     #[inline(never)]
     fn meet_rest(&self, first: usize, others: &mut [u32], minima: &mut Minima) {
         let minima = minima.get_mut(first / QUAD..).unwrap_or_default();
