@@ -23,7 +23,7 @@ pub struct Board {
     pub kernel_suite: Option<&'static str>,
     /// The model of its chip; `None` for a board that has none.
     pub model: Option<Model>,
-    /// What its firmware is built for, if it is hardware in RTL that is simulated; `None` for other boards.
+    /// The simulation of its hardware in RTL; `None` for a board that has none.
     pub simulation: Option<Simulation>,
     /// Whether its memory is too small for the pairs of the benchmarks, so that it gets them
     /// in grey and half as large.

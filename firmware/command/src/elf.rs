@@ -11,6 +11,22 @@ use object::{Object, ObjectSection, ObjectSymbol, RelocationTarget, SectionKind,
 /// The symbol of the memory that a board lends to matcher and session.
 const LENT_MEMORY: &str = "lent_memory";
 
+/// Returns the bytes of a linked file.
+///
+/// # Errors
+/// Fails with one line when the file cannot be read.
+pub(crate) fn read(path: &Path) -> Result<Vec<u8>> {
+    std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))
+}
+
+/// Parses the bytes of the linked file of this path.
+///
+/// # Errors
+/// Fails with one line when it is no firmware of a board.
+pub(crate) fn parse<'data>(path: &Path, bytes: &'data [u8]) -> Result<ElfFile32<'data>> {
+    ElfFile32::parse(bytes).with_context(|| format!("{} is not a 32-bit ELF file", path.display()))
+}
+
 /// The sizes of a board's firmware, bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sizes {
@@ -28,10 +44,8 @@ impl Sizes {
     /// # Errors
     /// Fails when the file cannot be read or is not the firmware of a board.
     pub fn read(path: &Path) -> Result<Self> {
-        let bytes =
-            std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-        let file: ElfFile32 = ElfFile32::parse(&*bytes)
-            .with_context(|| format!("{} is not a 32-bit ELF file", path.display()))?;
+        let bytes = read(path)?;
+        let file = parse(path, &bytes)?;
         let endian = file.endian();
         let segments = file.elf_header().program_headers(endian, &*bytes)?;
         let flash = segments.iter().filter(|s| s.p_type(endian) == PT_LOAD);
@@ -87,7 +101,7 @@ pub(crate) fn calls<'data, 'file>(
     Ok(calls)
 }
 
-/// What linked firmware loads into memory.
+/// The segments of linked firmware that are loaded into memory, each with its address and its bytes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Image(Vec<(u64, Vec<u8>)>);
 
@@ -97,10 +111,8 @@ impl Image {
     /// # Errors
     /// Fails when the file cannot be read or is not the firmware of a board.
     pub fn read(path: &Path) -> Result<Self> {
-        let bytes =
-            std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-        let file: ElfFile32 = ElfFile32::parse(&*bytes)
-            .with_context(|| format!("{} is not a 32-bit ELF file", path.display()))?;
+        let bytes = read(path)?;
+        let file = parse(path, &bytes)?;
         let endian = file.endian();
         let segments = file.elf_header().program_headers(endian, &*bytes)?;
         let loaded = segments.iter().filter(|s| s.p_type(endian) == PT_LOAD);
@@ -147,9 +159,8 @@ impl Image {
 /// # Errors
 /// Fails when the file cannot be read, or has no such symbol.
 pub fn symbol(path: &Path, name: &str) -> Result<(u64, u64)> {
-    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-    let file: ElfFile32 = ElfFile32::parse(&*bytes)
-        .with_context(|| format!("{} is not a 32-bit ELF file", path.display()))?;
+    let bytes = read(path)?;
+    let file = parse(path, &bytes)?;
     let mut symbols = file.symbols();
     let found = symbols.find(|symbol| symbol.name() == Ok(name));
     let found = found.with_context(|| format!("{} has no {name}", path.display()))?;

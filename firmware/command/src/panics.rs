@@ -8,8 +8,7 @@ use std::path::Path;
 
 use addr2line::Context as Lines;
 use addr2line::gimli::{Dwarf, EndianSlice, LittleEndian};
-use anyhow::{Context, Result, ensure};
-use object::read::elf::ElfFile32;
+use anyhow::{Result, ensure};
 use object::{Object, ObjectSection, ObjectSymbol};
 
 use crate::elf;
@@ -91,9 +90,8 @@ pub fn of_pipeline(path: &Path) -> Result<Vec<String>> {
 }
 
 fn calls(path: &Path) -> Result<Vec<Call>> {
-    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-    let file: ElfFile32 = ElfFile32::parse(&*bytes)
-        .with_context(|| format!("{} is not a 32-bit ELF file", path.display()))?;
+    let bytes = elf::read(path)?;
+    let file = elf::parse(path, &bytes)?;
     // Sections are read unchanged: relocations were applied when the file was linked.
     let dwarf = Dwarf::load(|section| {
         let section = file.section_by_name(section.name());

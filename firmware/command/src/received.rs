@@ -1,4 +1,4 @@
-//! What a board sends over the link, taken apart.
+//! Reads the packets that a board sends over the link: its frames, and the lines of its log.
 
 use std::io::{ErrorKind, Read};
 

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use addr2line::gimli::{EndianSlice, LittleEndian, Reader};
-use anyhow::{Context, Result};
+use anyhow::Result;
 use object::read::elf::ElfFile32;
 use object::{Object, ObjectSection, ObjectSymbol, RelocationTarget};
 
@@ -32,9 +32,8 @@ const EXCEPTION_BYTES: u64 = 27 * 4;
 /// # Errors
 /// Fails when the file cannot be read.
 pub fn deepest_bytes(path: &Path) -> Result<Option<u64>> {
-    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-    let file: ElfFile32 = ElfFile32::parse(&*bytes)
-        .with_context(|| format!("{} is not a 32-bit ELF file", path.display()))?;
+    let bytes = elf::read(path)?;
+    let file = elf::parse(path, &bytes)?;
     let Some(section) = file.section_by_name(FRAMES) else {
         return Ok(None);
     };

@@ -102,7 +102,7 @@ pub struct Row {
     pub height: u32,
     /// The number of disparities that are searched.
     pub disparities: u16,
-    /// What is counted: instructions, or on a simulated board cycles.
+    /// The unit of the counts: `instructions`, or on a simulated board `cycles`.
     pub counted: &'static str,
     /// Instructions or cycles per pixel and disparity of one frame, without those of camera, sink and link.
     pub instructions_per_pixel_disparity: f64,
