@@ -34,15 +34,15 @@ impl Stack {
         Self { bottom, top }
     }
 
-    /// Paints the free part of the main stack, whose bounds cortex-m-rt defines.
+    /// Paints the free part of the main stack, whose bounds cortex-m-rt or riscv-rt defines.
     ///
     /// # Safety
     /// The caller runs on that stack, nothing else is stored there, and no interrupt uses it during the call.
-    #[cfg(all(target_arch = "arm", target_os = "none"))]
     #[must_use]
     #[inline(always)]
     pub unsafe fn paint_main() -> Self {
         unsafe extern "C" {
+            #[cfg_attr(target_arch = "riscv32", link_name = "__estack")]
             static mut _stack_end: u32;
             static mut _stack_start: u32;
         }

@@ -30,15 +30,10 @@ impl Counter for Retired {
     }
 }
 
-unsafe extern "C" {
-    static mut __estack: u32;
-    static mut _stack_start: u32;
-}
-
 #[entry]
 fn main() -> ! {
-    // SAFETY: the linker defines the bounds, there is no heap, and no interrupt is enabled.
-    let stack = unsafe { Stack::paint(&raw mut __estack, &raw mut _stack_start) };
+    // SAFETY: it runs on the main stack, there is no heap, and no interrupt is enabled.
+    let stack = unsafe { Stack::paint_main() };
     run(Board {
         name: env!("CARGO_PKG_NAME"),
         counter: Retired,

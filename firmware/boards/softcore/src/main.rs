@@ -1,7 +1,7 @@
 //! Firmware of the soft core: two camera ports, a matcher, and a host at the serial port.
 //!
-//! What it is to do is part of the image that the block RAM is loaded with ([`REQUEST`]): a [`Request`]
-//! for some frames, with the counters and cycles at their end, or for the link, for ever.
+//! The host writes a [`Request`] for some frames into the image that the block RAM is loaded with ([`REQUEST`]). The
+//! board sends the frames, and at their end the counters of the session and the cycles of each stage.
 #![no_std]
 #![no_main]
 
@@ -46,15 +46,10 @@ static REQUEST: [u8; 512] = [0; 512];
 const LEDS_RUNNING: u32 = 0x01;
 const LEDS_FAILED: u32 = 0xff;
 
-unsafe extern "C" {
-    static mut __estack: u32;
-    static mut _stack_start: u32;
-}
-
 #[entry]
 fn main() -> ! {
-    // SAFETY: the linker defines the bounds, there is no heap, and no interrupt is enabled.
-    let stack = unsafe { Stack::paint(&raw mut __estack, &raw mut _stack_start) };
+    // SAFETY: it runs on the main stack, there is no heap, and no interrupt is enabled.
+    let stack = unsafe { Stack::paint_main() };
     registers::LEDS.write(LEDS_RUNNING);
     let (memory, packet) = (&raw mut MEMORY, &raw mut PACKET);
     // SAFETY: this is the only place that takes them, and it is reached once.
@@ -173,7 +168,7 @@ fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
     fail()
 }
 
-/// What the processor cannot do, such as an access that is not aligned.
+/// The handler of exceptions of the processor, such as an access that is not aligned: the board has failed.
 #[unsafe(no_mangle)]
 extern "C" fn ExceptionHandler(_: &riscv_rt::TrapFrame) -> ! {
     fail()
