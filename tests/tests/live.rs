@@ -39,7 +39,9 @@ const LONG: Duration = Duration::from_secs(120);
 /// Longest time that an answer of a real board on its model may take.
 const VERY_LONG: Duration = Duration::from_secs(600);
 
-/// Bytes that are left out and changed of those that are sent to hosts, amid the first frames.
+/// Bytes that are left out and changed of those that are sent to hosts: the first one, as if the host had come amid a
+/// packet, and two amid the first frames.
+const CUT: u64 = 1;
 const DROPPED: u64 = 3_000;
 const FLIPPED: u64 = 9_000;
 
@@ -174,7 +176,7 @@ impl Client {
         stream.write_all(&[vgstereo_link::DELIMITER])?;
         Ok(Self {
             stream,
-            decoder: Decoder::new(Vec::leak(vec![0; 4096])),
+            decoder: Decoder::joining(Vec::leak(vec![0; 4096])),
             encoder: Encoder::new(Vec::leak(vec![0; 1024])),
             received: vec![],
             count: 0,
@@ -274,7 +276,7 @@ fn serves_the_link(board: &Board) -> Result<(), Failed> {
     let scene = Scene::new().map_err(text)?;
     let request = scene.pairs[0].live_request(Preset::Lite, &[]);
     let link = Link::local(Damage {
-        dropped: vec![DROPPED],
+        dropped: vec![CUT, DROPPED],
         flipped: vec![FLIPPED],
     });
     let request = request.map_err(text)?;

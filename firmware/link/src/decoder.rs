@@ -1,6 +1,6 @@
 //! From bytes to messages.
 
-use core::fmt;
+use core::{fmt, mem};
 
 use cobs::{DecodeResult, DecoderState};
 use serde::Serialize;
@@ -83,6 +83,8 @@ pub struct Decoder<'m> {
     length: usize,
     /// The sequence number that is to come; `None` before the first packet.
     next_sequence: Option<u32>,
+    /// Whether the packet that ends next may have begun before the decoder.
+    is_joining: bool,
     counters: Counters,
 }
 
@@ -106,7 +108,18 @@ impl<'m> Decoder<'m> {
             framing: DecoderState::Idle,
             length: 0,
             next_sequence: None,
+            is_joining: false,
             counters: Counters::default(),
+        }
+    }
+
+    /// A decoder for a sender that is under way, otherwise as [`Decoder::new`]: bytes before the first
+    /// end of a packet that are not a whole packet are left out, and count as nothing.
+    #[must_use]
+    pub fn joining(memory: &'m mut [u8]) -> Self {
+        Self {
+            is_joining: true,
+            ..Self::new(memory)
         }
     }
 
@@ -131,9 +144,15 @@ impl<'m> Decoder<'m> {
         &'d mut self,
         input: &mut &[u8],
     ) -> Option<Result<Packet<M>, Refusal>> {
-        let whole = self.take_packet(input)?;
-        let received = whole
-            .and_then(|length| self.head(length))
+        let head = loop {
+            let whole = self.take_packet(input)?;
+            let head = whole.and_then(|length| self.head(length));
+            let may_be_cut = mem::take(&mut self.is_joining);
+            if !may_be_cut || !matches!(head, Err(Refusal::Broken)) {
+                break head;
+            }
+        };
+        let received = head
             .and_then(|head| self.track(&head).map(|()| head))
             .and_then(|head| {
                 if head.version != VERSION {

@@ -55,7 +55,7 @@ impl<'m> Client<'m> {
     pub fn new(port: Port, memory: &'m mut Memory) -> std::io::Result<Self> {
         let mut client = Self {
             port,
-            decoder: Decoder::new(&mut memory.decoder),
+            decoder: Decoder::joining(&mut memory.decoder),
             encoder: Encoder::new(&mut memory.encoder),
             opened: Instant::now(),
             buffer: vec![0; READ_BYTES],

@@ -373,3 +373,36 @@ fn reasons_that_are_not_known_yet_are_other() {
     }
     assert_eq!(Reason::ALL.len(), 13);
 }
+
+#[test]
+fn who_joins_amid_a_packet_counts_no_damage() {
+    let mut memory = [0; 700];
+    let mut encoder = Encoder::new(&mut memory);
+    let mut sent = Vec::new();
+    let mut ends = vec![];
+    for number in 0..4 {
+        let values = disparities_q4(number);
+        sent.extend_from_slice(encoder.encode(0, &line(number, &values)).unwrap());
+        ends.push(sent.len());
+    }
+    for begin in 0..ends[1] {
+        let mut memory = [0; 700];
+        let mut decoder = Decoder::joining(&mut memory);
+        let whole: Vec<u32> = match begin {
+            0 => (0..4).collect(),
+            _ if begin <= ends[0] => (1..4).collect(),
+            _ => (2..4).collect(),
+        };
+        assert_eq!(take(&mut decoder, &sent[begin..]), whole, "from {begin}");
+        let expected = Counters {
+            messages: whole.len() as u32,
+            ..Counters::default()
+        };
+        assert_eq!(decoder.counters(), expected, "from {begin}");
+        // What is damaged later counts.
+        let mut damaged = sent[ends[2]..].to_vec();
+        damaged[5] ^= 0x80;
+        take(&mut decoder, &damaged);
+        assert_eq!(decoder.counters().broken, 1, "from {begin}");
+    }
+}
