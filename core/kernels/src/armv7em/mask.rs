@@ -1,7 +1,9 @@
 //! Masks of the cells on each pixel's surface, four pixels per word.
 
 use bytemuck::try_cast_slice;
-use vgstereo_core::kernel::{self, CELLS_PER_BYTE, MASK_LANES, MAX_CHANNELS, MaskBlock};
+use vgstereo_core::kernel::{CELLS_PER_BYTE, MASK_LANES, MAX_CHANNELS, MaskBlock};
+
+use super::others;
 
 use super::simd::{
     add_even_bytes, add_odd_bytes, add_saturating_u8x4, distance_u8x4, is_ge_u8x4, load, load_six,
@@ -34,7 +36,7 @@ const COUNTED: usize = u8::MAX as usize / CELLS_PER_BYTE;
 /// Four values in two words of halfwords: those of pixels 0 and 2, then those of pixels 1 and 3.
 type Halfwords = [u32; 2];
 
-/// Equals [`kernel::mask_block`] bit for bit.
+/// Equals [`mask_block`](vgstereo_core::kernel::mask_block) bit for bit.
 #[inline(never)]
 pub(super) fn mask_block(block: &mut MaskBlock<'_>) {
     let count = block.starts.len();
@@ -48,7 +50,7 @@ pub(super) fn mask_block(block: &mut MaskBlock<'_>) {
         _ => compare::<MAX_CHANNELS>(block),
     };
     if compared.is_none() {
-        kernel::mask_block(block);
+        others::mask_block(block);
         return;
     }
     let ladder = Ladder::new(block);
