@@ -3,7 +3,6 @@
 
 use super::aggregate::{AggregateRow, aggregate_blocks};
 use super::cost::{CostRun, NO_COST, cost_block, cost_stride};
-use super::mask::MaskBlock;
 use super::select::select_blocks;
 use super::weighted_median::WeightedMedianRow;
 
@@ -33,12 +32,6 @@ pub fn aggregate_paths(row: &mut AggregateRow<'_>) {
 #[inline(never)]
 pub fn select_row(row: &mut AggregateRow<'_>) {
     select_blocks::<1>(row);
-}
-
-/// Equals [`mask_block`](super::mask_block()).
-#[inline(never)]
-pub fn mask_block(block: &mut MaskBlock<'_>) {
-    super::mask_block(block);
 }
 
 /// Equals [`weighted_median_row`](super::weighted_median_row()).

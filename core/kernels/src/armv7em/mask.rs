@@ -1,9 +1,7 @@
 //! Masks of the cells on each pixel's surface, four pixels per word.
 
 use bytemuck::try_cast_slice;
-use vgstereo_core::kernel::{CELLS_PER_BYTE, MASK_LANES, MAX_CHANNELS, MaskBlock};
-
-use super::others;
+use vgstereo_core::kernel::{self, CELLS_PER_BYTE, MASK_LANES, MAX_CHANNELS, MaskBlock};
 
 use super::simd::{
     add_even_bytes, add_odd_bytes, add_saturating_u8x4, distance_u8x4, is_ge_u8x4, load, load_six,
@@ -36,7 +34,7 @@ const COUNTED: usize = u8::MAX as usize / CELLS_PER_BYTE;
 /// Four values in two words of halfwords: those of pixels 0 and 2, then those of pixels 1 and 3.
 type Halfwords = [u32; 2];
 
-/// Equals [`mask_block`](vgstereo_core::kernel::mask_block) bit for bit.
+/// Equals [`kernel::mask_block`] bit for bit.
 #[inline(never)]
 pub(super) fn mask_block(block: &mut MaskBlock<'_>) {
     let count = block.starts.len();
@@ -50,7 +48,7 @@ pub(super) fn mask_block(block: &mut MaskBlock<'_>) {
         _ => compare::<MAX_CHANNELS>(block),
     };
     if compared.is_none() {
-        others::mask_block(block);
+        kernel::mask_block(block);
         return;
     }
     let ladder = Ladder::new(block);

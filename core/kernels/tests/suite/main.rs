@@ -14,7 +14,7 @@ use libtest_mimic::{Arguments, Trial};
 use proptest::prelude::*;
 use vgstereo_core::forward_kernels;
 use vgstereo_core::kernel::{
-    AggregateRow, CostRun, Kernels, MASK_LANES, MAX_TAP_ROWS, MaskBlock, PixelFormat, Portable,
+    AggregateRow, CostRun, Kernels, MASK_LANES, MAX_TAP_ROWS, PixelFormat, Portable,
     WeightedMedianRow, compact,
 };
 #[cfg(target_arch = "aarch64")]
@@ -123,11 +123,7 @@ impl Kernels for Compact {
     const FUSES_SELECTION: bool = false;
 
     forward_kernels!(set => &Portable; luma_row, channel_row, resample_row, convert_row, smooth_row, pack_cells,
-        recall_row, penalty_row, rivals_row, check_row, arms_row, median9_row);
-
-    fn mask_block(&self, block: &mut MaskBlock<'_>) {
-        compact::mask_block(block);
-    }
+        recall_row, mask_block, penalty_row, rivals_row, check_row, arms_row, median9_row);
 
     fn weighted_median_row(
         &self,
