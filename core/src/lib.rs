@@ -161,10 +161,10 @@ pub mod sgm;
 
 pub use config::{
     Config, ConfigError, Method, Output, Parameters, Preset, RecallParameters, Region,
-    SgmParameters,
+    SgmParameters, presets,
 };
 pub use disparity::{DisparityLine, DisparityRange, INVALID, Reference, STEPS_PER_PX};
-pub use kernel::{Kernels, Portable};
+pub use kernel::{Kernels, Only, Portable, Scope, Scoped};
 pub use matcher::{Matcher, PushError};
 pub use plan::Plan;
 pub use rows::{ColourRows, Line, LineOffsets};

@@ -93,21 +93,23 @@ enum Pipeline<'m, K> {
 impl<K: Kernels> Pipeline<'_, K> {
     fn reset(&mut self) {
         match self {
-            Self::Recall { rows, refiner } => {
+            Self::Recall { rows, refiner } if K::SCOPE.recall => {
                 rows.reset();
                 refiner.reset();
             }
-            Self::Sgm { rows, refiner } => {
+            Self::Sgm { rows, refiner } if K::SCOPE.sgm => {
                 rows.reset();
                 refiner.reset();
             }
+            _ => {}
         }
     }
 
     fn rows_out(&self) -> u32 {
         match self {
-            Self::Recall { rows, .. } => rows.rows_out(),
-            Self::Sgm { rows, .. } => rows.rows_out(),
+            Self::Recall { rows, .. } if K::SCOPE.recall => rows.rows_out(),
+            Self::Sgm { rows, .. } if K::SCOPE.sgm => rows.rows_out(),
+            _ => 0,
         }
     }
 
@@ -115,11 +117,11 @@ impl<K: Kernels> Pipeline<'_, K> {
     /// line.
     fn push(&mut self, left: &(impl Line + ?Sized), right: &(impl Line + ?Sized)) -> (bool, bool) {
         match self {
-            Self::Recall { rows, refiner } => match rows.push(left, right) {
+            Self::Recall { rows, refiner } if K::SCOPE.recall => match rows.push(left, right) {
                 Some(_) => (true, refiner.push(rows.candidates_px(), rows.valid())),
                 None => (false, false),
             },
-            Self::Sgm { rows, refiner } => match rows.push(left, right) {
+            Self::Sgm { rows, refiner } if K::SCOPE.sgm => match rows.push(left, right) {
                 Some(_) => (
                     true,
                     refiner.push(
@@ -131,28 +133,30 @@ impl<K: Kernels> Pipeline<'_, K> {
                 ),
                 None => (false, false),
             },
+            _ => (false, false),
         }
     }
 
     /// Completes a line that waits for rows which will not come; returns whether there was one.
     fn flush_refinement(&mut self) -> bool {
         match self {
-            Self::Recall { refiner, .. } => refiner.flush(),
-            Self::Sgm { rows, refiner } => refiner.flush(rows.channels()),
+            Self::Recall { refiner, .. } if K::SCOPE.recall => refiner.flush(),
+            Self::Sgm { rows, refiner } if K::SCOPE.sgm => refiner.flush(rows.channels()),
+            _ => false,
         }
     }
 
     /// Completes the next line after the last pair; returns false if there are no more.
     fn flush(&mut self) -> bool {
         match self {
-            Self::Recall { rows, refiner } => {
+            Self::Recall { rows, refiner } if K::SCOPE.recall => {
                 while rows.flush().is_some() {
                     if refiner.push(rows.candidates_px(), rows.valid()) {
                         return true;
                     }
                 }
             }
-            Self::Sgm { rows, refiner } => {
+            Self::Sgm { rows, refiner } if K::SCOPE.sgm => {
                 while rows.flush().is_some() {
                     let (row, confidences) = (rows.found(), rows.confidences());
                     if refiner.push(row, confidences, rows.valid(), rows.channels()) {
@@ -160,6 +164,7 @@ impl<K: Kernels> Pipeline<'_, K> {
                     }
                 }
             }
+            _ => {}
         }
         self.flush_refinement()
     }
@@ -181,14 +186,15 @@ impl<'m, K: Kernels> Matcher<'m, K> {
     pub fn new(config: &Config, kernels: K, memory: &'m mut [u32]) -> Result<Self, ConfigError> {
         let mut arena = Arena::new(memory);
         let pipeline = match &config.parameters.method {
-            Method::Recall(recall) => Pipeline::Recall {
+            Method::Recall(recall) if K::SCOPE.recall => Pipeline::Recall {
                 rows: RecallMatcher::new(config, recall, kernels, &mut arena)?,
                 refiner: RecallRefiner::new(config, recall, &mut arena)?,
             },
-            Method::Sgm(sgm) => Pipeline::Sgm {
+            Method::Sgm(sgm) if K::SCOPE.sgm => Pipeline::Sgm {
                 rows: SgmMatcher::new(config, sgm, kernels, &mut arena)?,
                 refiner: SgmRefiner::new(config, sgm, kernels, &mut arena)?,
             },
+            _ => return Err(ConfigError::Scope),
         };
         Ok(Self {
             pipeline,
@@ -352,8 +358,9 @@ impl<'m, K: Kernels> Matcher<'m, K> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::Preset;
+    use crate::config::{Preset, presets};
     use crate::disparity::DisparityRange;
+    use crate::kernel::{Only, Scope, Scoped};
     use std::vec;
 
     #[test]
@@ -376,6 +383,114 @@ mod tests {
                 lines += 1;
             }
             assert_eq!(lines, 2);
+        }
+    }
+
+    /// The lines of a scene that shifts, which has texture, plain parts and noise.
+    fn lines(y: u32) -> [[u8; 72]; 2] {
+        let level = |x: u32, noise: u32| {
+            let texture = (x * 7919 + y * 104_729) * 31 >> 3;
+            let plain = 40 + y;
+            let base = if (x / 12 + y / 6).is_multiple_of(3) {
+                plain
+            } else {
+                texture
+            };
+            (base & 0xff) as u8 ^ ((x * y + noise) % 3) as u8
+        };
+        let left = core::array::from_fn(|x| level(x as u32, 0));
+        let right = core::array::from_fn(|x| level(x as u32 + 3 + y / 20, 1));
+        [left, right]
+    }
+
+    /// Runs a frame of 50 lines; returns the synapses, the disparities and the confidences.
+    fn run(
+        config: &Config,
+        kernels: impl Kernels,
+    ) -> (vec::Vec<[i8; 2]>, vec::Vec<i16>, vec::Vec<u8>) {
+        let mut memory = vec![0; config.memory_words()];
+        let mut matcher = Matcher::new(config, kernels, &mut memory).unwrap();
+        let synapses = matcher.synapses().iter().map(|o| [o.dx, o.dy]).collect();
+        let (mut disparities_q4, mut confidences) = (vec![], vec![]);
+        let mut keep = |line: DisparityLine<'_>| {
+            disparities_q4.extend_from_slice(line.disparities_q4);
+            confidences.extend_from_slice(line.confidences);
+        };
+        for y in 0..50 {
+            let [left, right] = lines(y);
+            if let Some(line) = matcher.push(&left, &right).unwrap() {
+                keep(line);
+            }
+        }
+        while let Some(line) = matcher.finish() {
+            keep(line);
+        }
+        (synapses, disparities_q4, confidences)
+    }
+
+    /// What a program leaves out, the presets that it has do not miss; others are refused.
+    #[test]
+    fn in_its_scope_alone_a_preset_is_what_it_is_among_all() {
+        fn compare<S: Scoped>(_: S, own: Preset) {
+            for preset in Preset::ALL {
+                let config = Config::new(preset.parameters(), 72, DisparityRange::up_to(20));
+                let kernels = Only::<_, S>::new(Portable);
+                let accepted = config.validate_for::<Only<Portable, S>>();
+                if preset == own {
+                    assert_eq!(accepted, Ok(()));
+                    let (alone, among_all) = (run(&config, kernels), run(&config, Portable));
+                    assert_eq!(alone.0, among_all.0, "the synapses of {preset}");
+                    assert!(alone == among_all, "the disparities of {preset}");
+                } else if preset.parameters().scope() != own.parameters().scope() {
+                    assert_eq!(accepted, Err(ConfigError::Scope), "{preset} of {own}");
+                    let mut memory = vec![0; config.memory_words()];
+                    let refused = Matcher::new(&config, kernels, &mut memory).map(drop);
+                    assert_eq!(refused, Err(ConfigError::Scope), "{preset} of {own}");
+                }
+            }
+        }
+        compare(presets::PaperRaw, Preset::PaperRaw);
+        compare(presets::Paper, Preset::Paper);
+        compare(presets::Lite, Preset::Lite);
+        compare(presets::Micro, Preset::Micro);
+        compare(presets::Balanced, Preset::Balanced);
+        compare(presets::Quality, Preset::Quality);
+    }
+
+    /// The scope of one configuration refuses what differs from it in any respect that it fixes.
+    #[test]
+    fn a_scope_refuses_what_it_leaves_out() {
+        const CONFIG: Config =
+            Config::new(Preset::Micro.parameters(), 72, DisparityRange::up_to(20));
+        #[derive(Clone, Copy)]
+        struct This;
+        impl Scoped for This {
+            const SCOPE: Scope = Scope {
+                drawn: presets::Micro::SCOPE.drawn,
+                ..CONFIG.scope()
+            };
+        }
+        type Kernels = Only<Portable, This>;
+        const _: () = assert!(CONFIG.validate_for::<Kernels>().is_ok());
+        let kernels = Kernels::new(Portable);
+        assert!(run(&CONFIG, kernels) == run(&CONFIG, Portable));
+        let narrower = Config {
+            width: 40,
+            region: crate::config::Region::whole(40),
+            ..CONFIG
+        };
+        assert_eq!(narrower.validate_for::<Kernels>(), Ok(()));
+        let changes: [fn(&mut Config); 4] = [
+            |config| config.colour = true,
+            |config| config.disparities.count = 20,
+            |config| config.parameters = config.parameters.with_seed(2),
+            |config| config.parameters.synapses = 32,
+        ];
+        for change in changes {
+            let mut config = CONFIG;
+            change(&mut config);
+            assert_eq!(config.validate(), Ok(()));
+            assert_eq!(config.validate_for::<Kernels>(), Err(ConfigError::Scope));
         }
     }
 }

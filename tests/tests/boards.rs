@@ -10,7 +10,7 @@
 use libtest_mimic::{Arguments, Failed, Trial};
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
-use vgstereo_boards::board::{Board, MPS2_AN500, MPS3_AN547, STM32F405};
+use vgstereo_boards::board::{ALONE_DISPARITIES, Board, MPS2_AN500, MPS3_AN547, STM32F405};
 use vgstereo_boards::build::{build, build_suite};
 use vgstereo_boards::elf::Sizes;
 use vgstereo_boards::emulator::{self, Clock};
@@ -34,6 +34,9 @@ const RAM_KIB: [(Board, Preset, u32, u16, u64); 7] = [
     (MPS3_AN547, Preset::Lite, 320, 48, 88),
     (MPS3_AN547, Preset::Quality, 640, 96, 410),
 ];
+
+/// Most flash of a board that is built for one preset, KiB.
+const ALONE_FLASH_KIB: [(Preset, u64); 2] = [(Preset::Lite, 64), (Preset::Micro, 92)];
 
 type BoardTest = fn(&Board) -> Result<(), Failed>;
 
@@ -103,6 +106,11 @@ fn main() {
             let trial = Trial::test(name, move || test(&board));
             trials.push(trial.with_ignored_flag(absent));
         }
+        if !board.alone_presets.is_empty() {
+            let name = format!("{}::alone", board.name);
+            let trial = Trial::test(name, move || alone_in_less_flash(&board));
+            trials.push(trial.with_ignored_flag(absent));
+        }
         if board.kernel_suite.is_some() {
             let name = format!("{}::kernels", board.name);
             let trial = Trial::test(name, move || every_kernel_equals_the_reference(&board));
@@ -148,6 +156,44 @@ fn same_bytes_of_raw_lines(board: &Board) -> Result<(), Failed> {
             let disparities = frames.disparities_q4();
             let known = disparities.iter().filter(|&&d| d != INVALID).count();
             assert!(known > 0 && known < disparities.len());
+        }
+    }
+    Ok(())
+}
+
+/// A board that is built for one preset has the host's bytes of that and refuses others, without panics, in less
+/// flash.
+fn alone_in_less_flash(board: &Board) -> Result<(), Failed> {
+    let pair = Pair::rendered(64, 40, ALONE_DISPARITIES);
+    for &preset in board.alone_presets {
+        let alone = board.alone(preset)?;
+        let firmware = build(&alone).map_err(text)?;
+        let flash_bytes = Sizes::read(&firmware).map_err(text)?.flash_bytes;
+        println!("{}: {flash_bytes} bytes of flash", alone.full_name());
+        let (_, kib) = ALONE_FLASH_KIB
+            .into_iter()
+            .find(|of| of.0 == preset)
+            .unwrap();
+        assert!(flash_bytes <= kib * 1024, "{preset}: {flash_bytes} bytes");
+        let panics = panics::of_pipeline(&firmware).map_err(text)?;
+        assert!(panics.is_empty(), "{}", panics.join("\n"));
+        for other in Preset::ALL {
+            let request = pair.request(other, 2, &[]).map_err(text)?;
+            let ran = emulator::run(&alone, &firmware, &pair, &request, Clock::Host);
+            if !alone.is_built_for(&request) {
+                let refusal = ran.unwrap_err().to_string();
+                assert!(refusal.contains("not built for this request"), "{refusal}");
+                continue;
+            }
+            let (frames, report) = ran.map_err(text)?;
+            let (expected, statistics) = host::run(&pair, &request).map_err(text)?;
+            assert_eq!(report.statistics, statistics, "{preset}");
+            assert_eq!(
+                host::first_difference(&frames, &expected, 64),
+                None,
+                "{preset}"
+            );
+            assert_eq!(frames.confidences.len(), 2 * 64 * 40, "two frames");
         }
     }
     Ok(())

@@ -7,6 +7,7 @@
 mod checks;
 mod parameters;
 mod preset;
+pub mod presets;
 
 pub use checks::{Checks, ChecksError, SpeckleChecks};
 pub use parameters::{
@@ -20,6 +21,7 @@ pub use preset::{DEFAULT_SEED, Preset, UnknownPreset};
 use core::fmt;
 
 use crate::disparity::{DisparityRange, MAX_MAGNITUDE_PX, Reference};
+use crate::kernel::{Kernels, Scope};
 use crate::rows::{LineOffsets, OutOfMemory};
 
 /// A rectangle of the reference view.
@@ -119,6 +121,8 @@ pub enum ConfigError {
     Disparities,
     /// The region is empty or leaves the view.
     Region,
+    /// The program leaves out code that this configuration asks for: see [`Kernels::SCOPE`].
+    Scope,
     /// The lent memory is smaller than [`Config::memory_words`].
     Memory(OutOfMemory),
 }
@@ -143,6 +147,7 @@ impl fmt::Display for ConfigError {
                 "the disparities must be shorter than the line and at most 2047 px long",
             ),
             Self::Region => f.write_str("the region is empty or leaves the view"),
+            Self::Scope => f.write_str("the program leaves out what the configuration asks for"),
             Self::Memory(error) => error.fmt(f),
         }
     }
@@ -207,6 +212,41 @@ impl Parameters {
     }
 }
 
+impl Parameters {
+    /// The smallest scope with these parameters: for any disparities, for lines with and without colour, rectified
+    /// before or on their way to the matcher.
+    #[must_use]
+    pub const fn scope(&self) -> Scope {
+        let synapses = Some(self.synapses);
+        match &self.method {
+            Method::Recall(_) => Scope {
+                recall: true,
+                sgm: false,
+                synapses,
+                drawn: None,
+                disparities: None,
+                masks: false,
+                region_vote: false,
+                weighted_median: false,
+                colour: false,
+                rectification: true,
+            },
+            Method::Sgm(sgm) => Scope {
+                recall: false,
+                sgm: true,
+                synapses,
+                drawn: None,
+                disparities: None,
+                masks: !sgm.every_cell_counts(),
+                region_vote: sgm.vote.is_some(),
+                weighted_median: sgm.weighted_median.is_some(),
+                colour: sgm.colour,
+                rectification: true,
+            },
+        }
+    }
+}
+
 impl Config {
     /// Returns a configuration with the left view as reference, the whole view as region, grey
     /// lines, dense output and no offsets of lines.
@@ -222,6 +262,40 @@ impl Config {
             region: Region::whole(width),
             line_offsets: LineOffsets::NONE,
         }
+    }
+
+    /// The smallest scope with this configuration, for lines that are rectified.
+    #[must_use]
+    pub const fn scope(&self) -> Scope {
+        let scope = self.parameters.scope();
+        Scope {
+            colour: scope.colour && self.colour,
+            disparities: Some(self.disparities.count),
+            rectification: false,
+            ..scope
+        }
+    }
+
+    /// Checks everything but the lent memory, and that a matcher with the kernels `K` is compiled for this
+    /// configuration. In a `const` it refuses a configuration when a program is built.
+    ///
+    /// # Errors
+    /// As [`Config::validate`], and [`ConfigError::Scope`].
+    pub const fn validate_for<K: Kernels>(&self) -> Result<(), ConfigError> {
+        let parameters = &self.parameters;
+        let support_px = [parameters.support.x_px, parameters.support.y_px];
+        let is_drawn = match K::SCOPE.drawn {
+            Some(drawn) => drawn.is_of(parameters.sigmas_px, support_px, parameters.seed),
+            None => true,
+        };
+        let any_drawn = Scope {
+            drawn: None,
+            ..K::SCOPE
+        };
+        if !is_drawn || !any_drawn.contains(&self.scope()) {
+            return Err(ConfigError::Scope);
+        }
+        self.validate()
     }
 
     /// Checks everything but the lent memory. In a `const` it refuses a configuration when a

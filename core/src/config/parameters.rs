@@ -376,6 +376,12 @@ impl SgmParameters {
         rivals && speckle && vote && median && self.kept_cells_q8 > 0
     }
 
+    /// Whether no cell is masked.
+    #[must_use]
+    pub const fn every_cell_counts(&self) -> bool {
+        self.kept_cells_q8 >= 256
+    }
+
     /// Largest number of lines by which a pixel of the other view is moved to its place in the reference view;
     /// 0 if none is moved.
     #[must_use]

@@ -82,7 +82,7 @@ pub fn aggregate_paths(row: &mut AggregateRow<'_>) {
 
 /// [`aggregate_paths`] for strides that are a multiple of `N`.
 #[inline(always)]
-fn aggregate_blocks<const N: usize>(row: &mut AggregateRow<'_>) {
+pub(super) fn aggregate_blocks<const N: usize>(row: &mut AggregateRow<'_>) {
     let stride = row.stride.max(1);
     let guarded = stride + 2 * GUARD;
     row.paths.fill(GUARD_COST);
@@ -106,7 +106,7 @@ fn aggregate_blocks<const N: usize>(row: &mut AggregateRow<'_>) {
             step_path::<N>(previous, costs, p1, p2, inside(current));
         }
         if let Some(path) = current.get(GUARD..GUARD + stride) {
-            from_right.copy_from_slice(path);
+            copy(path, from_right);
         }
         core::mem::swap(&mut previous, &mut current);
     }
@@ -119,10 +119,10 @@ fn aggregate_blocks<const N: usize>(row: &mut AggregateRow<'_>) {
         .zip(row.p2_along.iter().zip(row.p2_down));
     for (x, ((costs, from_above), (&p2_along, &p2_down))) in pixels.enumerate() {
         if row.is_first {
-            from_above.copy_from_slice(costs);
+            copy(costs, from_above);
         } else {
             if let Some(path) = above.get_mut(GUARD..GUARD + stride) {
-                path.copy_from_slice(from_above);
+                copy(from_above, path);
             }
             step_path::<N>(above, costs, p1, p2_down, from_above);
         }
@@ -132,9 +132,17 @@ fn aggregate_blocks<const N: usize>(row: &mut AggregateRow<'_>) {
             step_path::<N>(previous, costs, p1, p2_along, inside(current));
         }
         if let Some(path) = current.get(GUARD..GUARD + stride) {
-            costs.copy_from_slice(path);
+            copy(path, costs);
         }
         core::mem::swap(&mut previous, &mut current);
+    }
+}
+
+/// Copies a path of the length of the other.
+#[inline(always)]
+fn copy(from: &[u8], to: &mut [u8]) {
+    if from.len() == to.len() {
+        to.copy_from_slice(from);
     }
 }
 
@@ -142,7 +150,7 @@ fn aggregate_blocks<const N: usize>(row: &mut AggregateRow<'_>) {
 #[inline(always)]
 fn begin_path(costs: &[u8], path: &mut [u8]) {
     if let Some(path) = path.get_mut(GUARD..GUARD + costs.len()) {
-        path.copy_from_slice(costs);
+        copy(costs, path);
     }
 }
 

@@ -92,8 +92,9 @@ pub fn cost_run(row: &CostRun<'_>, costs: &mut [u8]) {
     }
 }
 
+/// Costs of pixel `x` of the run at `N` disparities, of which the first has position `first`.
 #[inline(always)]
-fn cost_block<'a, const N: usize>(
+pub(super) fn cost_block<'a, const N: usize>(
     row: &CostRun<'a>,
     x: usize,
     first: usize,

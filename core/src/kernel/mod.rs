@@ -14,6 +14,7 @@
 mod aggregate;
 mod arms;
 mod check;
+pub mod compact;
 mod convert;
 mod cost;
 mod hamming;
@@ -27,6 +28,7 @@ mod penalty;
 mod recall;
 mod resample;
 mod rivals;
+mod scope;
 mod select;
 mod smooth;
 mod subpixel;
@@ -51,6 +53,7 @@ pub use resample::{
     resample_row, sixteenth_shift,
 };
 pub use rivals::{RIVAL_BLOCK_PX, RIVAL_STEP_PX, RivalsRow, rivals_row};
+pub use scope::{DrawnSynapses, Only, Scope, Scoped};
 pub use select::select_row;
 pub use smooth::smooth_row;
 pub use subpixel::{SubpixelStep, subpixel_step_q4, subpixel_steps_q4};
@@ -66,6 +69,10 @@ pub trait Kernels: Copy {
     /// Whether [`Kernels::aggregate_row`] is one loop, rather than [`Kernels::aggregate_paths`]
     /// followed by [`Kernels::select_row`].
     const FUSES_SELECTION: bool;
+
+    /// The configurations for which a matcher with this set is compiled; see [`Only`]. A set that wraps another has
+    /// its scope.
+    const SCOPE: Scope = Scope::ALL;
 
     /// Writes the luma of a line of `format` to `grey`; see [`luma_row`].
     fn luma_row(&self, format: PixelFormat, line: &[u8], grey: &mut [u8]);

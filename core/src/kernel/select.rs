@@ -28,7 +28,7 @@ pub fn select_row(row: &mut AggregateRow<'_>) {
 
 /// [`select_row`] for strides that are a multiple of `N`.
 #[inline(always)]
-fn select_blocks<const N: usize>(row: &mut AggregateRow<'_>) {
+pub(super) fn select_blocks<const N: usize>(row: &mut AggregateRow<'_>) {
     let stride = row.stride.max(1);
     let count = row.best.len();
     row.other_best.fill(NO_MATCH);

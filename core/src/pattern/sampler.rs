@@ -9,7 +9,7 @@ use super::planes::PatternRow;
 use super::synapse::{StoredOffset, Synapses};
 use crate::config::{Config, ConfigError, Region};
 use crate::kernel::Kernels;
-use crate::rows::{Arena, View, words};
+use crate::rows::{Arena, View, copy_common, words};
 
 /// Forms the patterns of both views, row by row of the region of interest.
 #[derive(Debug)]
@@ -34,12 +34,12 @@ impl<'m> Sampler<'m> {
     }
 
     /// Draws the synapses of `config`: the first half with the first sigma, then the second half
-    /// with the second. A row is given when the `lines_ahead` lines below it have come.
+    /// with the second; or takes those that the scope of the kernels `K` has. A row is given when the `lines_ahead` lines below it have come.
     ///
     /// # Errors
     /// [`ConfigError`] when sigma or support are out of their range, or the arena has fewer than
     /// [`Sampler::words`] left.
-    pub fn new(
+    pub fn new<K: Kernels>(
         config: &Config,
         lines_ahead: u32,
         arena: &mut Arena<'m>,
@@ -47,10 +47,14 @@ impl<'m> Sampler<'m> {
         let parameters = &config.parameters;
         let count = usize::from(parameters.synapses);
         let stored_offsets: &'m mut [StoredOffset] = arena.take(count)?;
-        let mut generator = Pcg32::seed_from_u64(parameters.seed);
-        let (first, second) = stored_offsets.split_at_mut(count / 2);
-        for (half, sigma_px) in [first, second].into_iter().zip(parameters.sigmas_px) {
-            Synapses::draw(half, sigma_px, parameters.support, &mut generator)?;
+        if let Some(drawn) = K::SCOPE.drawn {
+            copy_common(stored_offsets, drawn.offsets);
+        } else {
+            let mut generator = Pcg32::seed_from_u64(parameters.seed);
+            let (first, second) = stored_offsets.split_at_mut(count / 2);
+            for (half, sigma_px) in [first, second].into_iter().zip(parameters.sigmas_px) {
+                Synapses::draw(half, sigma_px, parameters.support, &mut generator)?;
+            }
         }
         Ok(Self {
             synapses: Synapses::from_stored(stored_offsets),

@@ -90,13 +90,17 @@ impl<'m> Synapses<'m> {
 
 /// Two independent standard Normal deviates (Box and Muller, 1958).
 fn normal_pair(generator: &mut impl Rng) -> (f64, f64) {
+    const TWO_PI: f64 = 2.0 * core::f64::consts::PI;
     const STEP: f64 = 1.0 / 4_294_967_296.0;
     // In (0, 1], where the logarithm is finite.
     let u = (f64::from(generator.next_u32()) + 1.0) * STEP;
     let v = f64::from(generator.next_u32()) * STEP;
     let radius = libm::sqrt(-2.0 * libm::log(u));
-    let angle = 2.0 * core::f64::consts::PI * v;
-    (radius * libm::cos(angle), radius * libm::sin(angle))
+    let angle = TWO_PI * v;
+    // Below two pi as it is; the compiler then leaves out what larger angles take.
+    let angle = f64::from_bits(angle.to_bits().min(TWO_PI.to_bits()));
+    let (sin, cos) = libm::sincos(angle);
+    (radius * cos, radius * sin)
 }
 
 #[cfg(test)]

@@ -101,7 +101,7 @@ impl<'m, K: Kernels> RecallMatcher<'m, K> {
         kernels: K,
         arena: &mut Arena<'m>,
     ) -> Result<Self, ConfigError> {
-        config.validate()?;
+        config.validate_for::<K>()?;
         // Rising disparities must be rising positions: see the module above.
         let other_order = match config.reference {
             Reference::Left => Order::Mirrored,
@@ -112,7 +112,7 @@ impl<'m, K: Kernels> RecallMatcher<'m, K> {
         let synapses = usize::from(config.parameters.synapses);
         Ok(Self {
             kernels,
-            sampler: Sampler::new(config, config.parameters.support.y_px.into(), arena)?,
+            sampler: Sampler::new::<K>(config, config.parameters.support.y_px.into(), arena)?,
             views: ViewPair::new(
                 config.reference,
                 [view_size(config); 2],

@@ -4,6 +4,9 @@
 ///
 /// Rows are taken and returned from the top; a returned row replaces the one that was taken.
 pub(crate) trait RowStage<C> {
+    /// Whether a program has the stage: see [`Scope`](crate::kernel::Scope).
+    const IS_IN_SCOPE: bool = true;
+
     /// Forgets the frame.
     fn reset(&mut self);
 
@@ -15,25 +18,27 @@ pub(crate) trait RowStage<C> {
     fn flush(&mut self, row: &mut [i16], context: &mut C) -> bool;
 }
 
-/// A stage that may be left out: `None` returns rows unchanged.
+/// A stage that may be left out: `None` returns rows unchanged. It is always `None` if the stage is not in scope.
 impl<C, S: RowStage<C>> RowStage<C> for Option<S> {
     fn reset(&mut self) {
-        if let Some(stage) = self {
+        if let Some(stage) = self
+            && S::IS_IN_SCOPE
+        {
             stage.reset();
         }
     }
 
     fn push(&mut self, row: &mut [i16], context: &mut C) -> bool {
         match self {
-            Some(stage) => stage.push(row, context),
-            None => true,
+            Some(stage) if S::IS_IN_SCOPE => stage.push(row, context),
+            _ => true,
         }
     }
 
     fn flush(&mut self, row: &mut [i16], context: &mut C) -> bool {
         match self {
-            Some(stage) => stage.flush(row, context),
-            None => false,
+            Some(stage) if S::IS_IN_SCOPE => stage.flush(row, context),
+            _ => false,
         }
     }
 }
@@ -43,6 +48,8 @@ impl<C, S: RowStage<C>> RowStage<C> for Option<S> {
 pub(crate) struct Then<A, B>(pub(crate) A, pub(crate) B);
 
 impl<C, A: RowStage<C>, B: RowStage<C>> RowStage<C> for Then<A, B> {
+    const IS_IN_SCOPE: bool = A::IS_IN_SCOPE && B::IS_IN_SCOPE;
+
     fn reset(&mut self) {
         self.0.reset();
         self.1.reset();

@@ -54,7 +54,7 @@ impl Border {
         self.slope_q12 +=
             (slope_q12.clamp(-SLOPE_MAX_Q12, SLOPE_MAX_Q12) - self.slope_q12) >> SMOOTHING;
         // At the first known column, through the middle of the fitted ones.
-        let at_first_q12 = ((sum_y << 12) - self.slope_q12 * sum_x).div_euclid(n);
+        let at_first_q12 = ((sum_y << 12) - self.slope_q12 * sum_x).div_euclid(n.max(1));
         for (pixel, x) in before.iter_mut().rev().zip(1_i64..) {
             let value_q4 = (at_first_q12 - self.slope_q12 * x + (1 << 11)) >> 12;
             // Limited to what an `i16` holds.

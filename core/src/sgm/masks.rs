@@ -59,7 +59,7 @@ impl SgmMasks<'_, ()> {
     /// Words of memory; 0 if every cell counts.
     #[must_use]
     pub const fn words(config: &Config, parameters: &SgmParameters) -> usize {
-        if every_cell_counts(parameters) {
+        if parameters.every_cell_counts() {
             return 0;
         }
         let cells = config.parameters.synapses as usize;
@@ -69,15 +69,11 @@ impl SgmMasks<'_, ()> {
     /// Bytes of scratch for a block.
     #[must_use]
     pub const fn scratch_bytes(config: &Config, parameters: &SgmParameters) -> usize {
-        if every_cell_counts(parameters) {
+        if parameters.every_cell_counts() {
             return 0;
         }
         config.parameters.synapses as usize * MASK_LANES
     }
-}
-
-const fn every_cell_counts(parameters: &SgmParameters) -> bool {
-    parameters.kept_cells_q8 >= 256
 }
 
 impl<'m, K: Kernels> SgmMasks<'m, K> {
@@ -92,7 +88,7 @@ impl<'m, K: Kernels> SgmMasks<'m, K> {
         kernels: K,
         arena: &mut Arena<'m>,
     ) -> Result<Option<Self>, OutOfMemory> {
-        if every_cell_counts(parameters) {
+        if parameters.every_cell_counts() {
             return Ok(None);
         }
         let count = config.parameters.synapses;

@@ -15,7 +15,7 @@ use crate::config::{Config, ConfigError, SgmParameters, Support};
 use crate::disparity::{DisparityRange, Reference, STEPS_PER_PX};
 use crate::kernel::{
     AggregateRow, CELLS_PER_BYTE, CostRun, Kernels, LevelConversion, MASK_LANES, MAX_CHANNELS,
-    Penalty, Planes, path_scratch_bytes,
+    Penalty, Planes, cost_stride, path_scratch_bytes,
 };
 use crate::pattern::{PatternRow, Sampler, Synapses};
 use crate::rows::{Arena, Line, LineOffsets, NewestRows, Order, Strip, ViewPair, extend_run};
@@ -139,14 +139,14 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         masks: Option<M>,
         arena: &mut Arena<'m>,
     ) -> Result<Self, ConfigError> {
-        config.validate()?;
+        config.validate_for::<K>()?;
         let plan = SgmPlan::new(config, sgm);
         let synapses = usize::from(config.parameters.synapses);
         let (width, stride) = (plan.width, plan.stride);
         let lines_ahead = SgmPlan::lines_ahead(config, sgm);
         Ok(Self {
             kernels,
-            sampler: Sampler::new(config, lines_ahead, arena)?,
+            sampler: Sampler::new::<K>(config, lines_ahead, arena)?,
             views: ViewPair::new(
                 config.reference,
                 [plan.reference, plan.other],
@@ -250,9 +250,27 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         self.match_next(false)
     }
 
+    /// Number of synapses, which the compiler knows if the scope has only one.
+    fn synapse_count(&self) -> u16 {
+        K::SCOPE.synapses.unwrap_or(self.synapses)
+    }
+
+    /// Number of disparities, which the compiler knows if the scope has only one.
+    fn disparity_count(&self) -> usize {
+        K::SCOPE
+            .disparities
+            .unwrap_or(self.disparities.count)
+            .into()
+    }
+
+    /// Number of channels of a view, which the compiler knows if the scope has no colour.
+    fn channel_count(&self) -> usize {
+        K::SCOPE.channels(self.plan.reference.channels())
+    }
+
     /// The exposure of green, which is the largest part of grey; without colour, that of grey.
     fn grey_exposure(&self) -> LevelConversion {
-        self.exposure.conversion(self.plan.reference.channels() / 2)
+        self.exposure.conversion(self.channel_count() / 2)
     }
 
     /// By how much matched levels differ more than where there is hardly any noise, levels.
@@ -348,19 +366,20 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
     /// Computes the costs of a row, aggregates them and selects.
     fn match_levels_and_patterns(&mut self, line: u32, is_first: bool) {
         let scratch = core::mem::take(&mut self.from_right);
-        let synapses = self.synapses;
+        let synapses = self.synapse_count();
         let mut inputs = CostInputs::over(scratch, &self.plan, synapses);
         self.observe(line, &mut inputs);
         self.convert_levels(line, &mut inputs);
         self.compute_costs(line, inputs);
         self.from_right = scratch;
+        let disparities = self.disparity_count();
         if let (Some(rivals), Some(parameters)) = (&mut self.rivals, &self.parameters.rivals) {
             if is_first {
                 rivals.reset();
             }
             // The aggregation writes its other view's best anew.
-            let (stride, scratch) = (self.plan.stride, &mut *self.other_best);
-            let disparities = self.disparities.count.into();
+            let scratch = &mut *self.other_best;
+            let stride = cost_stride(disparities);
             let kernels = &self.kernels;
             rivals.observe(
                 self.costs,
@@ -395,10 +414,13 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
             return;
         }
         let plan = &self.plan;
-        let lows = inputs.low.chunks_exact_mut(plan.positions.max(1));
-        let highs = inputs.high.chunks_exact_mut(plan.positions.max(1));
-        let others = self.views.other.channels();
-        for ((channel, (low, high)), other) in lows.zip(highs).enumerate().zip(others) {
+        let (mut lows, mut highs) = (&mut *inputs.low, &mut *inputs.high);
+        for (channel, other) in self.views.other.channels().iter().enumerate() {
+            let length = ..plan.positions;
+            let (Some(low), Some(high)) = (lows.split_off_mut(length), highs.split_off_mut(length))
+            else {
+                return;
+            };
             let levels = other.row(line);
             let inside = plan.front..plan.front + plan.width;
             if let (Some(low), Some(high)) =
@@ -416,11 +438,17 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
     /// Computes the matching costs run by run: first the masks, if there are any, then the costs.
     fn compute_costs(&mut self, line: u32, inputs: CostInputs<'_>) {
         let difference_weight_q4 = self.difference_weight_q4();
+        let channel_count = self.channel_count();
         let (parameters, plan) = (&self.parameters, &self.plan);
-        let synapses = self.synapses;
+        let synapses = self.synapse_count();
+        let planes = usize::from(synapses) / CELLS_PER_BYTE;
+        let disparities = self.disparity_count();
+        let stride = cost_stride(disparities);
         let channels = self.views.reference.channels();
         let levels = self.views.reference.rows(line);
-        if let Some(masks) = &mut self.masks {
+        if let Some(masks) = &mut self.masks
+            && K::SCOPE.masks
+        {
             masks.begin(channels, line);
         }
         let cost_of = |count: u16| self.cell_costs_q8.get(usize::from(count)).copied();
@@ -428,15 +456,17 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         let mut evidence = Evidence::new(parameters);
         let mut truncations = [parameters.hamming_truncation; RUN_LANES];
         let longest = match self.masks {
-            Some(_) => MASK_LANES,
-            None => RUN_LANES,
+            Some(_) if K::SCOPE.masks => MASK_LANES,
+            _ => RUN_LANES,
         };
         for start in (0..plan.width).step_by(longest) {
             let lanes = longest.min(plan.width - start);
             let first = block_first(start, plan.width);
             let skipped = start - first;
             let mut masks = Planes::NONE;
-            if let Some(source) = &mut self.masks {
+            if let Some(source) = &mut self.masks
+                && K::SCOPE.masks
+            {
                 let block = source.block(channels, first, inputs.cells);
                 let counts = block.counts.iter().skip(skipped);
                 for (cost, &count) in cell_costs_q8.iter_mut().zip(counts) {
@@ -445,7 +475,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
                 masks = Planes {
                     bytes: block.masks.get(skipped..).unwrap_or_default(),
                     stride: MASK_LANES.min(plan.width),
-                    count: usize::from(synapses) / CELLS_PER_BYTE,
+                    count: planes,
                 };
             }
             let cell_costs_q8 = cell_costs_q8.get(..lanes).unwrap_or_default();
@@ -455,25 +485,28 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
             }
             let run = CostRun {
                 start,
-                inputs: inputs.own.planes(),
+                inputs: Planes {
+                    count: planes,
+                    ..inputs.own.planes()
+                },
                 masks,
                 cell_costs_q8,
-                stored: inputs.stored.planes(),
+                stored: Planes {
+                    count: planes,
+                    ..inputs.stored.planes()
+                },
                 first_position: plan.last_position + plan.width - 1 - start,
-                disparities: self.disparities.count.into(),
+                disparities,
                 truncations: truncations.get(..lanes).unwrap_or_default(),
                 hamming_truncation: parameters.hamming_truncation,
                 levels,
                 other_low: planes_of(inputs.low, plan.positions),
                 other_high: planes_of(inputs.high, plan.positions),
-                channels: plan.reference.channels(),
+                channels: channel_count,
                 difference_truncation: parameters.difference_truncation,
                 difference_weight_q4,
             };
-            if let Some(costs) = self
-                .costs
-                .get_mut(start * plan.stride..(start + lanes) * plan.stride)
-            {
+            if let Some(costs) = self.costs.get_mut(start * stride..(start + lanes) * stride) {
                 self.kernels.cost_run(&run, costs);
             }
         }
@@ -481,6 +514,8 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
 
     /// Aggregates the costs of a row and selects the best disparities of both views.
     fn aggregate(&mut self, line: u32, is_first: bool) {
+        let disparities = self.disparity_count();
+        let stride = cost_stride(disparities);
         let (parameters, plan) = (&self.parameters, &self.plan);
         let penalty = Penalty {
             most: parameters.p2,
@@ -501,11 +536,11 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
             costs: self.costs,
             from_right: self
                 .from_right
-                .get_mut(..plan.width * plan.stride)
+                .get_mut(..plan.width * stride)
                 .unwrap_or_default(),
             from_above: self.from_above,
-            stride: plan.stride,
-            disparities: self.disparities.count.into(),
+            stride,
+            disparities,
             is_first,
             p1: parameters.p1,
             subpixel: parameters.subpixel,
@@ -544,7 +579,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
             return;
         }
         // The gradient is taken from the lines above and below.
-        let channels = self.plan.reference.channels();
+        let channels = self.channel_count();
         if self.plan.other.moving_lines > 0 && line > 0 && line + 1 < self.views.other.lines() {
             let other = self.views.other.grey();
             let rows = GreyRows {
@@ -595,7 +630,7 @@ fn cell_costs<'m>(parameters: &SgmParameters, costs_q8: &'m mut [u16]) -> &'m mu
     let scale_q8 = u32::from(parameters.hamming_scale) << 8;
     for (cost, count) in costs_q8.iter_mut().zip(0_u32..).skip(1) {
         // The scale is bounded so that the product with the count fits 16 bits.
-        *cost = ((scale_q8 + count / 2) / count) as u16;
+        *cost = (scale_q8 + count / 2).checked_div(count).unwrap_or(0) as u16;
     }
     costs_q8
 }

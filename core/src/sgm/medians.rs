@@ -158,7 +158,7 @@ impl<'m, K: Kernels> WeightedMedian<'m, K> {
             levels: [[&[]; MAX_TAP_ROWS]; MAX_CHANNELS],
             centres: [&[]; MAX_CHANNELS],
             rows: rows.clone().count().min(MAX_TAP_ROWS),
-            channels: channels.len().min(MAX_CHANNELS),
+            channels: K::SCOPE.channels(channels.len()).min(MAX_CHANNELS),
             centre: above as usize,
             window_width: 2 * reach_x + 1,
             places: self.places.get(skipped..).unwrap_or_default(),
@@ -182,6 +182,8 @@ impl<'m, K: Kernels> WeightedMedian<'m, K> {
 }
 
 impl<K: Kernels> RowStage<Surroundings<'_, '_, '_>> for WeightedMedian<'_, K> {
+    const IS_IN_SCOPE: bool = K::SCOPE.weighted_median;
+
     fn reset(&mut self) {
         self.window.clear();
     }

@@ -107,7 +107,7 @@ impl<'m, K: Kernels> SgmRefiner<'m, K> {
         kernels: K,
         arena: &mut Arena<'m>,
     ) -> Result<Self, ConfigError> {
-        config.validate()?;
+        config.validate_for::<K>()?;
         let width = usize::from(config.width);
         let columns = usize::from(config.region.width);
         let latency = SgmRefiner::stages(config, sgm).latency_lines();

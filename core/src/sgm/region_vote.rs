@@ -83,7 +83,7 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
         }
         let arms = ArmsRow {
             levels,
-            channels: around.channels.len().min(MAX_CHANNELS),
+            channels: K::SCOPE.channels(around.channels.len()).min(MAX_CHANNELS),
             reach: self.parameters.reach_x_px,
             near_step: self.parameters.near_step,
             far_step: self.parameters.far_step,
@@ -125,7 +125,7 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
         let centre = (line - there.start) as usize;
         let window = Window {
             lines: lines.get(..there.len()).unwrap_or_default(),
-            channels: channels.len().min(MAX_CHANNELS),
+            channels: K::SCOPE.channels(channels.len()).min(MAX_CHANNELS),
             parameters: &self.parameters,
         };
         // The columns before the first pixel that holds are left to the border.
@@ -202,6 +202,8 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
 }
 
 impl<K: Kernels> RowStage<Surroundings<'_, '_, '_>> for RegionVote<'_, K> {
+    const IS_IN_SCOPE: bool = K::SCOPE.region_vote;
+
     fn reset(&mut self) {
         self.window.clear();
         self.arms.clear();

@@ -3,7 +3,10 @@
 use core::fmt;
 use core::str::FromStr;
 
-use vgstereo_core::Preset;
+use vgstereo_core::{DisparityRange, Preset};
+use vgstereo_emulated::Request;
+pub use vgstereo_emulated::request::ALONE_DISPARITIES;
+use vgstereo_firmware::camera::PixelFormat;
 
 /// A board that the firmware is built for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -25,6 +28,10 @@ pub struct Board {
     pub model: Option<Model>,
     /// The simulation of its hardware in RTL; `None` for a board that has none.
     pub simulation: Option<Simulation>,
+    /// The presets for which it can be built alone, in less flash: see [`Board::alone`].
+    pub alone_presets: &'static [Preset],
+    /// The preset that it is built for alone; `None` if it takes all requests.
+    pub alone: Option<Preset>,
     /// Whether its memory is too small for the pairs of the benchmarks, so that it gets them
     /// in grey and half as large.
     pub is_small: bool,
@@ -65,6 +72,9 @@ pub struct Simulation {
     pub small_packages: &'static [&'static str],
 }
 
+/// The presets for which there are boards that are built for one alone.
+const ALONE_PRESETS: &[Preset] = &[Preset::Lite, Preset::Micro];
+
 const ARM_TARGET: &str = "thumbv7em-none-eabihf";
 const ARMV8M_TARGET: &str = "thumbv8m.main-none-eabihf";
 const RISCV_TARGET: &str = "riscv32imac-unknown-none-elf";
@@ -84,6 +94,8 @@ pub const STM32F405: Board = Board {
     kernel_suite: None,
     model: None,
     simulation: None,
+    alone_presets: ALONE_PRESETS,
+    alone: None,
     is_small: true,
 };
 
@@ -101,6 +113,8 @@ pub const MPS2_AN500: Board = Board {
     kernel_suite: None,
     model: None,
     simulation: None,
+    alone_presets: ALONE_PRESETS,
+    alone: None,
     is_small: false,
 };
 
@@ -119,6 +133,8 @@ pub const MPS3_AN547: Board = Board {
     kernel_suite: Some("mps3-an547-suite"),
     model: None,
     simulation: None,
+    alone_presets: &[],
+    alone: None,
     is_small: false,
 };
 
@@ -143,6 +159,8 @@ pub const RISCV_VIRT: Board = Board {
     kernel_suite: None,
     model: None,
     simulation: None,
+    alone_presets: &[],
+    alone: None,
     is_small: false,
 };
 
@@ -173,6 +191,8 @@ pub const STM32H743: Board = Board {
         disparities: 48,
     }),
     simulation: None,
+    alone_presets: &[],
+    alone: None,
     is_small: false,
 };
 
@@ -187,6 +207,8 @@ pub const STM32F407: Board = Board {
     kernel_suite: None,
     model: None,
     simulation: None,
+    alone_presets: &[],
+    alone: None,
     is_small: false,
 };
 
@@ -204,6 +226,8 @@ pub const SOFTCORE: Board = Board {
         preset: Preset::Lite,
         small_packages: &["vgstereo-emulated", "vgstereo-link", "libm", "postcard"],
     }),
+    alone_presets: &[],
+    alone: None,
     is_small: true,
 };
 
@@ -244,6 +268,48 @@ impl Board {
         all.filter(|board| board.emulation.is_none() && board.simulation.is_none())
     }
 
+    /// Returns the board as it is built for this preset alone: for lines of grey that are rectified, and
+    /// [`ALONE_DISPARITIES`] from 0 on. It has neither link, calibration, scan nor log.
+    ///
+    /// # Errors
+    /// Fails with [`NotAlone`] when it cannot be built so.
+    pub fn alone(self, preset: Preset) -> Result<Self, NotAlone> {
+        if !self.alone_presets.contains(&preset) {
+            return Err(NotAlone {
+                board: self.name,
+                preset,
+            });
+        }
+        Ok(Self {
+            alone: Some(preset),
+            ..self
+        })
+    }
+
+    /// Returns the name, with the preset that it is built for if that is one.
+    #[must_use]
+    pub fn full_name(&self) -> String {
+        match self.alone {
+            Some(preset) => format!("{}, {preset} alone", self.name),
+            None => self.name.to_owned(),
+        }
+    }
+
+    /// Returns whether the firmware takes this request, as far as that depends on what it is built for.
+    #[must_use]
+    pub fn is_built_for(&self, request: &Request) -> bool {
+        self.alone.is_none_or(|preset| {
+            let is_whole =
+                request.is_live || request.calibration.is_some() || request.scan.is_some();
+            let is_plain = !is_whole && !request.hamming_alone && request.faults.is_empty();
+            let disparities = DisparityRange::up_to(ALONE_DISPARITIES - 1);
+            is_plain
+                && request.preset == preset
+                && request.disparities == disparities
+                && request.geometry.format == PixelFormat::Grey8
+        })
+    }
+
     /// Returns how the board is emulated.
     ///
     /// # Errors
@@ -262,6 +328,27 @@ impl Board {
         self.emulation.is_some() || self.model.is_some() || self.simulation.is_some()
     }
 }
+
+/// The error for a board that is not built for one preset alone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct NotAlone {
+    /// The name of the board.
+    pub board: &'static str,
+    /// The preset.
+    pub preset: Preset,
+}
+
+impl fmt::Display for NotAlone {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { board, preset } = self;
+        write!(
+            f,
+            "{board} is not built for {preset} alone; stm32f405 and mps2-an500 are, for lite and micro"
+        )
+    }
+}
+
+impl std::error::Error for NotAlone {}
 
 /// The error for a board that has no emulator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -15,7 +15,15 @@ use crate::toolchain::{Toolchain, root};
 /// # Errors
 /// Fails when there is no compiler for the board or the firmware does not compile.
 pub fn build(board: &Board) -> Result<PathBuf> {
-    build_package(board, board.folder, &[])
+    let Some(preset) = board.alone else {
+        return build_package(board, board.folder, "release", &[]);
+    };
+    let options = ["--no-default-features", "--features", preset.name()];
+    let linked = build_package(board, board.folder, "small", &options)?;
+    // The next build for another preset replaces the file.
+    let kept = linked.with_file_name(format!("{}-{preset}", board.folder));
+    std::fs::copy(&linked, &kept).with_context(|| format!("cannot copy {}", linked.display()))?;
+    Ok(kept)
 }
 
 /// Builds the program that compares a board's kernels with the reference, with debug assertions in the kernels,
@@ -27,21 +35,21 @@ pub fn build_suite(board: &Board) -> Result<PathBuf> {
     let suite = board.kernel_suite;
     let suite = suite.with_context(|| format!("{} has no suite of kernels", board.name))?;
     let assertions = "profile.release.package.vgstereo-kernels.debug-assertions=true";
-    build_package(board, suite, &["--config", assertions])
+    build_package(board, suite, "release", &["--config", assertions])
 }
 
-/// Builds the package of this name, whose folder below `firmware/boards` has it too.
-fn build_package(board: &Board, package: &str, options: &[&str]) -> Result<PathBuf> {
+/// Builds the package of this name, whose folder below `firmware/boards` has it too, in a profile of their workspace.
+fn build_package(board: &Board, package: &str, profile: &str, options: &[&str]) -> Result<PathBuf> {
     let mut command = Command::new(cargo());
     command.arg("build");
     if !std::io::stderr().is_terminal() {
         eprintln!("compiling the firmware of {package}");
     }
-    configure(&mut command, board, &toolchain(board)?);
+    configure(&mut command, board, &toolchain(board)?, profile);
     command.args(options).current_dir(package_folder(package));
     let status = command.status().context("cannot run cargo")?;
     ensure!(status.success(), "the firmware of {package} does not build");
-    let folder = target_folder(board).join(board.target).join("release");
+    let folder = target_folder(board).join(board.target).join(profile);
     Ok(folder.join(package))
 }
 
@@ -85,7 +93,7 @@ pub fn lint(board: &Board) -> Result<()> {
             // What cargo's own subcommand tells it.
             .env("CLIPPY_ARGS", "-Dwarnings__CLIPPY_HACKERY__")
             .current_dir(package_folder(package));
-        configure(&mut own, board, &toolchain);
+        configure(&mut own, board, &toolchain, "release");
         // Under the driver, more code is left in than this board has room for: it is not linked.
         if board.simulation.is_some() {
             own.args(["--", "-Clinker=true"]);
@@ -116,7 +124,7 @@ fn lint_common(board: &Board, linter: &Path, toolchain: &Toolchain) -> Command {
         .arg("clippy")
         .env("CARGO", cargo())
         .current_dir(root());
-    configure(&mut common, board, toolchain);
+    configure(&mut common, board, toolchain, "release");
     common
         .args(COMMON_PROFILE)
         .args(["-p", "vgstereo-kernels", "-p", "vgstereo-emulated"])
@@ -156,10 +164,11 @@ fn target_folder(board: &Board) -> PathBuf {
     root().join("target/boards").join(variant)
 }
 
-/// Adds the arguments and variables with which cargo compiles a release for the board.
-fn configure(command: &mut Command, board: &Board, toolchain: &Toolchain) {
+/// Adds the arguments and variables with which cargo compiles a release for the board, in a profile that is or inherits
+/// that of releases.
+fn configure(command: &mut Command, board: &Board, toolchain: &Toolchain, profile: &str) {
     command
-        .args(["--release", "--locked", "--target", board.target])
+        .args(["--profile", profile, "--locked", "--target", board.target])
         .arg("--target-dir")
         .arg(target_folder(board))
         .stdout(std::io::stderr());

@@ -13,7 +13,7 @@ extern crate std;
 
 use core::ffi::CStr;
 
-#[cfg(any(test, all(target_os = "none", feature = "semihosting")))]
+#[cfg(any(test, all(target_os = "none", feature = "complete")))]
 mod memory;
 pub mod meter;
 pub mod report;
@@ -21,12 +21,16 @@ pub mod request;
 pub mod serial;
 
 #[cfg(all(target_os = "none", feature = "semihosting"))]
+pub mod alone;
+#[cfg(all(target_os = "none", feature = "semihosting"))]
+pub mod board;
+#[cfg(all(target_os = "none", feature = "semihosting"))]
 pub mod camera;
 #[cfg(target_os = "none")]
 pub mod cmsdk;
-#[cfg(all(target_os = "none", feature = "semihosting"))]
+#[cfg(all(target_os = "none", feature = "complete"))]
 mod live;
-#[cfg(all(target_os = "none", feature = "semihosting"))]
+#[cfg(all(target_os = "none", feature = "complete"))]
 pub mod run;
 #[cfg(all(target_os = "none", feature = "semihosting"))]
 pub mod sink;

@@ -15,9 +15,10 @@ use vgstereo_firmware::watchdog::NoWatchdog;
 use vgstereo_link::{Selection, Streams};
 
 use crate::LINES_FILE;
+use crate::board::Refusal;
 use crate::camera::FileCamera;
 use crate::request::{CameraRequest, MAX_FAULTS, Request};
-use crate::run::{self, Memories, Refusal};
+use crate::run::{self, Memories};
 use crate::serial::{SerialPort, Uart};
 
 /// Streams that a board sends from its start, until the host selects others.

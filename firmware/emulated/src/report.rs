@@ -30,6 +30,23 @@ impl Report {
     }
 }
 
+impl Report {
+    /// Calls `write` with the name and the value of each number.
+    ///
+    /// # Errors
+    /// The first error of `write`.
+    pub fn each<E>(&self, mut write: impl FnMut(&str, u64) -> Result<(), E>) -> Result<(), E> {
+        for (name, count) in self.counters() {
+            write(name, count.into())?;
+        }
+        for (stage, instructions) in Stage::ALL.into_iter().zip(self.instructions) {
+            write(stage.name(), instructions)?;
+        }
+        write(WORKING_BYTES, self.working_bytes.into())?;
+        write(STACK_BYTES, self.stack_bytes.into())
+    }
+}
+
 type Counter = fn(&mut Statistics) -> &mut u32;
 
 /// Names of the session's counters, and access to each.
@@ -55,14 +72,7 @@ const STACK_BYTES: &str = "stack_bytes";
 /// Writes one line `NAME VALUE` per number.
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (name, count) in self.counters() {
-            writeln!(f, "{name} {count}")?;
-        }
-        for (stage, instructions) in Stage::ALL.into_iter().zip(self.instructions) {
-            writeln!(f, "{} {instructions}", stage.name())?;
-        }
-        writeln!(f, "{WORKING_BYTES} {}", self.working_bytes)?;
-        writeln!(f, "{STACK_BYTES} {}", self.stack_bytes)
+        self.each(|name, number| writeln!(f, "{name} {number}"))
     }
 }
 

@@ -13,6 +13,9 @@ use vgstereo_firmware::{live, session};
 /// Number of cells of the patterns if [`Request::hamming_alone`] is set.
 pub const HAMMING_CELLS: u8 = 64;
 
+/// Number of disparities of boards that are built for one preset.
+pub const ALONE_DISPARITIES: u16 = 48;
+
 /// Largest number of faults in a script.
 pub const MAX_FAULTS: usize = 32;
 

@@ -1,12 +1,7 @@
 //! Run of a board: parses the request, matches its frames and writes the report.
 
-use core::fmt::{self, Write};
-use core::mem::MaybeUninit;
-
 use defmt_semihosting as _;
 use semihosting::fs::File;
-use semihosting::process;
-use semihosting::sys::arm_compat::sys_get_cmdline_uninit;
 use vgstereo_core::geometry::{LaserScan, Rectification, Rectifier};
 use vgstereo_core::rows::Arena;
 use vgstereo_core::{Kernels, Matcher};
@@ -17,6 +12,7 @@ use vgstereo_firmware::sink::{BothSinks, ScanningSink};
 use vgstereo_firmware::watchdog::NoWatchdog;
 use vgstereo_firmware::{DisparitySink, Event, Session, Statistics};
 
+use crate::board::{Board, Refusal, of_command_line, report};
 use crate::camera::{self, FileCamera};
 use crate::live;
 use crate::memory;
@@ -24,57 +20,14 @@ use crate::meter::{Counter, Meter, Metered, Stage};
 use crate::report::Report;
 use crate::request::Request;
 use crate::serial::Uart;
-use crate::sink::{self, FileSink, PacketSink, ScanFile};
-use crate::stack::Stack;
-use crate::{
-    CALIBRATION_FILE, CONFIDENCES_FILE, DISPARITIES_FILE, LINES_FILE, REPORT_FILE, SCANS_FILE,
-};
-
-/// Largest length of the command line, bytes.
-const COMMAND_LINE_BYTES: usize = 1024;
-
-/// Parts of a run that differ from board to board: counter, port, kernels, memory and stack.
-#[derive(Debug)]
-pub struct Board<C, U, K> {
-    /// The board's name.
-    pub name: &'static str,
-    /// Counts instructions.
-    pub counter: C,
-    /// The port to the host.
-    pub uart: U,
-    /// The kernels of the processor.
-    pub kernels: K,
-    /// Memory for session and matcher.
-    pub memory: &'static mut [u32],
-    /// The stack, painted.
-    pub stack: Stack,
-}
+use crate::sink::{FileSink, PacketSink, ScanFile};
+use crate::{CALIBRATION_FILE, CONFIDENCES_FILE, DISPARITIES_FILE, LINES_FILE, SCANS_FILE};
 
 /// Serves the request on the command line, writes the report, and ends the emulation. A board that is
 /// live serves the link instead, and never ends.
 pub fn run<C: Counter, U: Uart, K: Kernels>(board: Board<C, U, K>) -> ! {
-    let stack = board.stack;
-    let Ok(file) = File::create(REPORT_FILE) else {
-        process::exit(1);
-    };
-    let mut text = Text(file);
-    let written = match serve(board) {
-        Ok(report) => write!(
-            text,
-            "{}",
-            Report {
-                stack_bytes: stack.worst_bytes() as u32,
-                ..report
-            }
-        ),
-        Err(Refusal(reason)) => writeln!(text, "error {reason}"),
-    };
-    process::exit(written.is_err().into())
+    report(board.stack, || serve(board))
 }
-
-/// Reason for which a request is not served.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Refusal(pub(crate) &'static str);
 
 /// Parts of the lent memory, each as large as the request needs it.
 pub(crate) struct Memories {
@@ -298,19 +251,5 @@ fn log_frame(frame: u32, statistics: Statistics) {
 /// Reads the command line. Not inlined, so that its stack is free again while frames are matched.
 #[inline(never)]
 fn read_request() -> Option<Request> {
-    let mut buffer = [MaybeUninit::uninit(); COMMAND_LINE_BYTES];
-    let words = sys_get_cmdline_uninit(&mut buffer).ok()?;
-    let words = core::str::from_utf8(words).ok()?;
-    // The first word is the program's name.
-    let (_, words) = words.split_once(' ')?;
-    words.parse().ok()
-}
-
-/// A file to which formatted text can be written.
-struct Text(File);
-
-impl Write for Text {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        sink::write(&mut self.0, text.as_bytes()).map_err(|_| fmt::Error)
-    }
+    of_command_line(|words| words.parse().ok())
 }

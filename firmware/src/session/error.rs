@@ -42,6 +42,8 @@ pub enum SessionError {
         /// Width of the lines that the matcher is configured for, in pixels.
         matcher_px: u16,
     },
+    /// The program leaves rectification out: see [`Scope`](vgstereo_core::kernel::Scope).
+    Scope,
     /// The lent memory has fewer words than [`memory_words`](super::memory_words) asks for.
     Memory(OutOfMemory),
 }
@@ -77,6 +79,7 @@ impl fmt::Display for SessionError {
                 "the rectification is from {raw_width}x{raw_height} px to lines of {rectified_px} px; the \
                  camera's frames have {width}x{height} px, the matcher's lines {matcher_px} px"
             ),
+            Self::Scope => f.write_str("the program leaves rectification out"),
             Self::Memory(error) => error.fmt(f),
         }
     }

@@ -210,6 +210,7 @@ impl<'m, C, K: Kernels, S: DisparitySink, W: Watchdog> Session<'m, C, K, S, W> {
         let config = matcher.config();
         let mut height = geometry.height;
         match &rectifier {
+            Some(_) if !K::SCOPE.rectification => return Err(SessionError::Scope),
             Some(rectifier) => {
                 let rectification = rectifier.rectification();
                 let raw_px = [rectification.raw_width, rectification.raw_height];
@@ -250,7 +251,7 @@ impl<'m, C, K: Kernels, S: DisparitySink, W: Watchdog> Session<'m, C, K, S, W> {
             ..region
         };
         matcher.reset();
-        if let Some(rectifier) = &mut rectifier {
+        if let Some(rectifier) = in_scope(&mut rectifier) {
             rectifier.reset();
         }
         Ok(Self {
@@ -435,7 +436,7 @@ impl<'m, C, K: Kernels, S: DisparitySink, W: Watchdog> Session<'m, C, K, S, W> {
         let (matcher, sink) = (&mut self.matcher, &mut self.sink);
         sink.raw_pair(pair, lines);
         let mut given = Ok(());
-        match &mut self.rectifier {
+        match in_scope(&mut self.rectifier) {
             _ if !needs.rectified && !needs.disparities => {}
             None if needs.disparities => given = give(matcher, sink, frame, &raw[0], &raw[1]),
             None => {}
@@ -483,7 +484,7 @@ impl<'m, C, K: Kernels, S: DisparitySink, W: Watchdog> Session<'m, C, K, S, W> {
                 self.matcher.set_line_offsets(self.matcher.line_offsets());
             }
         }
-        if let Some(rectifier) = &mut self.rectifier {
+        if let Some(rectifier) = in_scope(&mut self.rectifier) {
             rectifier.reset();
         }
         self.sink.end_frame(&self.info)
@@ -507,11 +508,22 @@ impl<'m, C, K: Kernels, S: DisparitySink, W: Watchdog> Session<'m, C, K, S, W> {
     fn abort(&mut self, frame: Option<u32>, fault: Fault) {
         if let Some(frame) = frame {
             self.matcher.reset();
-            if let Some(rectifier) = &mut self.rectifier {
+            if let Some(rectifier) = in_scope(&mut self.rectifier) {
                 rectifier.reset();
             }
             self.sink.abort_frame(frame, fault);
         }
+    }
+}
+
+/// The rectifier, of which the compiler knows that there is none if it is not in scope.
+fn in_scope<'a, 'm, K: Kernels>(
+    rectifier: &'a mut Option<&'m mut Rectifier<'m, 'm, K>>,
+) -> Option<&'a mut Rectifier<'m, 'm, K>> {
+    if K::SCOPE.rectification {
+        rectifier.as_deref_mut()
+    } else {
+        None
     }
 }
 

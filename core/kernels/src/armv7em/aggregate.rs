@@ -2,8 +2,9 @@
 //! pairs.
 
 use bytemuck::{must_cast_slice, try_cast_slice_mut};
-use vgstereo_core::kernel::{self, AggregateRow};
+use vgstereo_core::kernel::AggregateRow;
 
+use super::others;
 use super::simd::{
     add_saturating_u8x4, in_order, load, meet_all, min_u8x4, splat_u8, sub_saturating_u8x4,
     unrolled,
@@ -15,7 +16,7 @@ pub(super) const MAX_STRIDE: usize = 64;
 /// Path costs of eight disparities: two registers.
 type Pair = [u32; 2];
 
-/// Equals [`kernel::aggregate_paths`] bit for bit.
+/// Equals [`aggregate_paths`](vgstereo_core::kernel::aggregate_paths) bit for bit.
 pub(super) fn aggregate_paths(row: &mut AggregateRow<'_>) {
     let aggregated = match row.stride {
         16 => aggregate::<2>(row),
@@ -25,7 +26,7 @@ pub(super) fn aggregate_paths(row: &mut AggregateRow<'_>) {
         _ => None,
     };
     if aggregated.is_none() {
-        kernel::aggregate_paths(row);
+        others::aggregate_paths(row);
     }
 }
 

@@ -8,7 +8,7 @@ use super::simd::{distance_u8x4, even_bytes, load, odd_bytes, select_ge_u8x4, sp
 const LANES: usize = 4;
 
 /// Equals [`vgstereo_core::kernel::arms_row`] bit for bit.
-#[inline(never)]
+#[inline(always)]
 pub(super) fn arms_row(row: &ArmsRow<'_>, arms: &mut [i16]) {
     if row.channels == 1 {
         arms_of([row.levels[0]], row, arms);
@@ -17,7 +17,7 @@ pub(super) fn arms_row(row: &ArmsRow<'_>, arms: &mut [i16]) {
     }
 }
 
-#[inline(always)]
+#[inline(never)]
 fn arms_of<const CHANNELS: usize>(levels: [&[u8]; CHANNELS], row: &ArmsRow<'_>, arms: &mut [i16]) {
     let steps = Steps {
         reach: row.reach.into(),

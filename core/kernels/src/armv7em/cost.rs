@@ -7,10 +7,9 @@
 //! counts so far stand where the costs will.
 
 use bytemuck::must_cast_slice_mut;
-use vgstereo_core::kernel::{
-    CELLS_PER_BYTE, CostRun, MASK_LANES, NO_COST, Planes, cost_run as portable, cost_stride,
-};
+use vgstereo_core::kernel::{CELLS_PER_BYTE, CostRun, MASK_LANES, NO_COST, Planes, cost_stride};
 
+use super::others;
 use super::simd::{
     add_even_bytes, add_odd_bytes, afresh, even_bytes, halve_difference_u8x4, in_order, load,
     load_four, load_six, min_u8x4, odd_bytes, opaque, splat_u8, splat_u16, store,
@@ -42,7 +41,7 @@ const MAX_PARTS: usize = 4;
 /// Writes the costs of every pixel of the run.
 pub(super) fn cost_run(run: &CostRun<'_>, costs: &mut [u8]) {
     if cost_registers(run, costs).is_none() {
-        portable(run, costs);
+        others::cost_run(run, costs);
     }
 }
 

@@ -25,6 +25,12 @@ pub(crate) mod simd;
 mod smooth;
 mod weighted_median;
 
+/// The code for what these kernels do not take.
+#[cfg(not(feature = "compact"))]
+use vgstereo_core::kernel as others;
+#[cfg(feature = "compact")]
+use vgstereo_core::kernel::compact as others;
+
 use vgstereo_core::forward_kernels;
 use vgstereo_core::kernel::{
     AggregateRow, ArmsRow, CELLS_PER_BYTE, CheckRow, CostRun, Kernels, LevelConversion, MaskBlock,

@@ -7,9 +7,10 @@
 
 use bytemuck::{must_cast_slice, must_cast_slice_mut, try_cast_slice};
 use vgstereo_core::disparity::STEPS_PER_PX;
-use vgstereo_core::kernel::{self, AggregateRow, SubpixelStep};
+use vgstereo_core::kernel::{AggregateRow, SubpixelStep};
 
 use super::aggregate::MAX_STRIDE;
+use super::others;
 use super::simd::{
     add_even_bytes, add_odd_bytes, afresh, even_bytes, in_order, meet_all, min_u16x2, odd_bytes,
     opaque, splat_u16, store,
@@ -25,7 +26,7 @@ pub(crate) const DISPARITIES_MIN: usize = 4;
 /// Least key of each pair of disparities, with a guard at either end.
 type Minima = [Pair; MAX_STRIDE / 8 + 2];
 
-/// Equals [`kernel::select_row`] bit for bit.
+/// Equals [`select_row`](vgstereo_core::kernel::select_row) bit for bit.
 pub(super) fn select_row(row: &mut AggregateRow<'_>) {
     // One more than the positions of the other view that all pixels' disparities reach.
     let slots = row.best.len() + row.disparities;
@@ -39,7 +40,7 @@ pub(super) fn select_row(row: &mut AggregateRow<'_>) {
         _ => None,
     };
     if selected.is_none() {
-        kernel::select_row(row);
+        others::select_row(row);
     }
 }
 
@@ -326,7 +327,7 @@ impl Subpixel {
         }
     }
 
-    /// Equals [`kernel::subpixel_step_q4`] bit for bit. A processor that divides in hardware takes less
+    /// Equals [`subpixel_step_q4`](vgstereo_core::kernel::subpixel_step_q4) bit for bit. A processor that divides in hardware takes less
     /// time for one division than for the steps that replace it there.
     #[inline(always)]
     pub(crate) fn step_q4(&self, before: u32, after: u32) -> i32 {

@@ -9,7 +9,9 @@ use core::array::from_fn;
 
 use bytemuck::{must_cast_ref, try_cast_slice_mut};
 use vgstereo_core::disparity::INVALID;
-use vgstereo_core::kernel::{self, MAX_CHANNELS, WeightedMedianRow};
+use vgstereo_core::kernel::{MAX_CHANNELS, WeightedMedianRow};
+
+use super::others;
 
 use super::simd::{
     add_even_bytes, add_odd_bytes, add_saturating_i16x2, add_saturating_u8x4, afresh,
@@ -62,7 +64,7 @@ const OWN: u8 = 128;
 /// also stand for all values beyond the range.
 const MOVE: u16 = 254;
 
-/// Equals [`kernel::weighted_median_row`] bit for bit.
+/// Equals [`weighted_median_row`](vgstereo_core::kernel::weighted_median_row) bit for bit.
 #[inline(never)]
 pub(super) fn weighted_median_row(
     row: &WeightedMedianRow<'_>,
@@ -71,7 +73,7 @@ pub(super) fn weighted_median_row(
 ) {
     let width = output.len();
     let (true, Ok(list)) = (width >= LANES, try_cast_slice_mut(weights)) else {
-        kernel::weighted_median_row(row, weights, output);
+        others::weighted_median_row(row, weights, output);
         return;
     };
     let list = list.as_chunks_mut().0;

@@ -13,7 +13,10 @@ mod guarded;
 use libtest_mimic::{Arguments, Trial};
 use proptest::prelude::*;
 use vgstereo_core::forward_kernels;
-use vgstereo_core::kernel::{Kernels, MASK_LANES, MAX_TAP_ROWS, PixelFormat, Portable};
+use vgstereo_core::kernel::{
+    AggregateRow, CostRun, Kernels, MASK_LANES, MAX_TAP_ROWS, PixelFormat, Portable,
+    WeightedMedianRow, compact,
+};
 #[cfg(target_arch = "aarch64")]
 use vgstereo_kernels::aarch64::Neon;
 use vgstereo_kernels::cases::{
@@ -68,6 +71,7 @@ fn main() {
     let overread = Trial::test("one_byte_beyond_a_buffer_ends_the_process", overread);
     trials.push(overread.with_ignored_flag(!cfg!(unix)));
     trials.extend(suite!("forwarded": Some(Forwarded(Portable))));
+    trials.extend(suite!("compact": Some(Compact)));
     trials.extend(suite!("native": Some(NativeKernels::fastest())));
     trials.extend(suite!("armv7em": Some(Armv7em)));
     trials.extend(suite!("rv32": Some(Rv32)));
@@ -109,6 +113,43 @@ impl<K: Kernels> Kernels for Forwarded<K> {
         channel_row, resample_row, convert_row, smooth_row, pack_cells, recall_row, mask_block,
         cost_run, penalty_row, aggregate_paths, select_row, aggregate_row, rivals_row, check_row, arms_row,
         median9_row, weighted_median_row);
+}
+
+/// The references in little code, which [`Armv7em`] takes with the feature `compact`.
+#[derive(Debug, Clone, Copy)]
+struct Compact;
+
+impl Kernels for Compact {
+    const FUSES_SELECTION: bool = false;
+
+    forward_kernels!(set => &Portable; luma_row, channel_row, resample_row, convert_row, smooth_row, pack_cells,
+        recall_row, mask_block, penalty_row, rivals_row, check_row, arms_row, median9_row);
+
+    fn weighted_median_row(
+        &self,
+        row: &WeightedMedianRow<'_>,
+        weights: &mut [u8],
+        output: &mut [i16],
+    ) {
+        compact::weighted_median_row(row, weights, output);
+    }
+
+    fn cost_run(&self, run: &CostRun<'_>, costs: &mut [u8]) {
+        compact::cost_run(run, costs);
+    }
+
+    fn aggregate_paths(&self, row: &mut AggregateRow<'_>) {
+        compact::aggregate_paths(row);
+    }
+
+    fn select_row(&self, row: &mut AggregateRow<'_>) {
+        compact::select_row(row);
+    }
+
+    fn aggregate_row(&self, row: &mut AggregateRow<'_>) {
+        self.aggregate_paths(row);
+        self.select_row(row);
+    }
 }
 
 /// The available sets are those that were detected, and the reference is the first.

@@ -6,9 +6,10 @@
 use cortex_m as _;
 use cortex_m_rt::entry;
 use static_cell::ConstStaticCell;
+use vgstereo_emulated::board::Board;
 use vgstereo_emulated::cmsdk::CmsdkUart;
 use vgstereo_emulated::meter::Counter;
-use vgstereo_emulated::run::{Board, run};
+use vgstereo_emulated::run::run;
 use vgstereo_emulated::stack::Stack;
 use vgstereo_kernels::Helium;
 

@@ -8,8 +8,9 @@ use riscv::register::minstret;
 use riscv_rt::entry;
 use static_cell::ConstStaticCell;
 use uart::Ns16550a;
+use vgstereo_emulated::board::Board;
 use vgstereo_emulated::meter::Counter;
-use vgstereo_emulated::run::{Board, run};
+use vgstereo_emulated::run::run;
 use vgstereo_emulated::stack::Stack;
 use vgstereo_kernels::Rv32;
 

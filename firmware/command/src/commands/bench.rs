@@ -14,7 +14,7 @@ use vgstereo_sim::tables::{kib, table};
 use vgstereo_sim::terminal::progress_bar;
 
 use super::images::Images;
-use super::selection::CountedSelection;
+use super::selection::{Alone, CountedSelection};
 use crate::board::{
     Board, MPS2_AN500, MPS3_AN547, RISCV_VIRT, RISCV_VIRT_ZBB, SOFTCORE, STM32F405,
 };
@@ -80,6 +80,8 @@ pub struct Bench {
     #[arg(long, value_name = "N", default_value_t = 32)]
     disparities: u16,
     #[command(flatten)]
+    alone: Alone,
+    #[command(flatten)]
     selection: CountedSelection,
 }
 
@@ -89,7 +91,7 @@ pub struct Row {
     /// The name of the pair.
     pub scene: String,
     /// The name of the board.
-    pub board: &'static str,
+    pub board: String,
     /// The name of the preset, or [`HAMMING`].
     pub preset: &'static str,
     /// Whether the lines are raw, and rectified first.
@@ -113,7 +115,8 @@ pub struct Row {
     pub static_ram_bytes: u64,
     /// Bytes of stack: the most that was in use at a time.
     pub stack_bytes: u32,
-    /// Bytes of flash: code, constants and initial values, with every preset linked in.
+    /// Bytes of flash: code, constants and initial values, with every preset linked in unless the board is built for
+    /// one.
     pub flash_bytes: u64,
 }
 
@@ -134,7 +137,7 @@ impl Bench {
     /// Fails with one line that says what is missing or fails.
     pub fn run(self) -> Result<String> {
         let given = self.images.pair(self.disparities)?;
-        let boards = self.selection.boards();
+        let boards = self.alone.of(self.selection.boards())?;
         ensure_complete(&boards)?;
         let mut cases = Vec::new();
         for board in boards {
@@ -143,6 +146,7 @@ impl Bench {
                 Some(pair) => fitting(pair, Sizes::read(&firmware)?.lent_bytes)?,
                 None => built_in(&board)?,
             };
+            tasks.retain(|(_, request)| board.is_built_for(request));
             if board.simulation.is_some() {
                 tasks.retain(|(_, request)| {
                     simulation::ensure_built_for(&board, request).is_ok() && !request.hamming_alone
@@ -181,7 +185,7 @@ impl Bench {
                 bar.inc(1);
                 Ok(Row {
                     scene: pair.name,
-                    board: board.name,
+                    board: board.full_name(),
                     preset: match request.hamming_alone {
                         true => HAMMING,
                         false => request.preset.name(),
@@ -230,7 +234,7 @@ fn counted(board: &Board, firmware: &Path, pair: &Pair, request: &Request) -> Re
 fn built_in(board: &Board) -> Result<Vec<(Pair, Request)>> {
     let mut tasks = Vec::new();
     for &(of, width, height, disparities, presets) in &CASES {
-        if of == *board {
+        if of.name == board.name {
             let pair = Pair::rendered(width, height, disparities);
             let presets = presets.iter().map(|&preset| (preset, false));
             for (preset, hamming_alone) in presets.chain([(Preset::Lite, true)]) {
@@ -243,7 +247,7 @@ fn built_in(board: &Board) -> Result<Vec<(Pair, Request)>> {
         }
     }
     let (of, width, height, disparities, preset) = SPECIAL;
-    if of == *board {
+    if of.name == board.name {
         let pair = Pair::rendered(width.into(), height.into(), disparities);
         let request = Request {
             scan: pair.scan(),
@@ -310,7 +314,7 @@ fn as_text(rows: &[Row]) -> String {
             * f64::from(row.width)
             * f64::from(row.disparities);
         let mut cells = vec![
-            row.board.to_owned(),
+            row.board.clone(),
             match (row.is_rectified, row.is_scanned) {
                 (true, _) => format!("{}, raw", row.preset),
                 (_, true) => format!("{}, scan", row.preset),

@@ -9,7 +9,7 @@ use vgstereo_sim::tables::table;
 use crate::build::{build, lint};
 use crate::model;
 use crate::toolchain::{ModelCompiler, ensure_complete, install, needs};
-use selection::Selection;
+use selection::{Alone, Selection};
 
 pub mod bench;
 pub mod images;
@@ -34,7 +34,7 @@ enum Verb {
     /// Show what the boards need and what of it is missing.
     Setup(Setup),
     /// Build the firmware as it is released.
-    Build(Selection),
+    Build(Build),
     /// Check the boards' crates with clippy; a warning is an error.
     Lint(Selection),
     /// Run a board on a pair of images and write its disparity map.
@@ -47,6 +47,14 @@ enum Verb {
     Bench(Box<bench::Bench>),
     /// Show the bytes of flash and RAM that the firmware takes.
     Size(size::Size),
+}
+
+#[derive(Debug, Args)]
+struct Build {
+    #[command(flatten)]
+    alone: Alone,
+    #[command(flatten)]
+    selection: Selection,
 }
 
 #[derive(Debug, Args)]
@@ -66,12 +74,12 @@ impl CommandLine {
     pub fn run(self) -> Result<String> {
         match self.verb {
             Verb::Setup(setup) => setup.run(),
-            Verb::Build(selection) => {
-                let boards = selection.boards();
+            Verb::Build(Build { alone, selection }) => {
+                let boards = alone.of(selection.boards())?;
                 ensure_complete(&boards)?;
                 let mut text = String::new();
                 for board in boards {
-                    text += &format!("{}: {}\n", board.name, build(&board)?.display());
+                    text += &format!("{}: {}\n", board.full_name(), build(&board)?.display());
                 }
                 Ok(text)
             }

@@ -1,9 +1,37 @@
 //! The option `--board`, which several verbs take.
 
 use clap::Args;
+use vgstereo_core::Preset;
 
-use crate::board::{Board, UnknownBoard};
+use crate::board::{Board, NotAlone, UnknownBoard};
 use crate::toolchain::{ModelCompiler, Simulator};
+
+/// The option of the verbs that build boards for one preset alone.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct Alone {
+    /// Build for this preset alone, lite or micro, in less flash: for lines of grey that are rectified, and 48
+    /// disparities. Of the boards, stm32f405 and mps2-an500 can be.
+    #[arg(long, value_name = "P")]
+    preset: Option<Preset>,
+}
+
+impl Alone {
+    /// Returns these boards as they are built for the preset, if one is named: of more than one board those that can
+    /// be.
+    ///
+    /// # Errors
+    /// Fails with one line when none can be.
+    pub fn of(self, boards: Vec<Board>) -> Result<Vec<Board>, NotAlone> {
+        let Some(preset) = self.preset else {
+            return Ok(boards);
+        };
+        let mut alone: Vec<_> = boards.iter().map(|board| board.alone(preset)).collect();
+        if alone.iter().any(Result::is_ok) {
+            alone.retain(Result::is_ok);
+        }
+        alone.into_iter().collect()
+    }
+}
 
 /// The option of the verbs that take one board or all boards.
 #[derive(Debug, Clone, Args)]

@@ -5,7 +5,7 @@ use clap::Args;
 use serde::Serialize;
 use vgstereo_sim::tables::table;
 
-use super::selection::Selection;
+use super::selection::{Alone, Selection};
 use crate::build::build;
 use crate::elf::Sizes;
 use crate::stack::deepest_bytes;
@@ -18,12 +18,14 @@ pub struct Size {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
+    alone: Alone,
+    #[command(flatten)]
     selection: Selection,
 }
 
 #[derive(Debug, Serialize)]
 struct Row {
-    board: &'static str,
+    board: String,
     flash_bytes: u64,
     statics_bytes: u64,
     lent_bytes: usize,
@@ -42,14 +44,14 @@ impl Size {
     /// # Errors
     /// Fails with one line that says what is missing or does not build.
     pub fn run(self) -> Result<String> {
-        let selected = self.selection.boards();
+        let selected = self.alone.of(self.selection.boards())?;
         ensure_complete(&selected)?;
         let mut boards = Vec::new();
         for board in selected {
             let firmware = build(&board)?;
             let sizes = Sizes::read(&firmware)?;
             boards.push(Row {
-                board: board.name,
+                board: board.full_name(),
                 flash_bytes: sizes.flash_bytes,
                 statics_bytes: sizes.statics_bytes,
                 lent_bytes: sizes.lent_bytes,
@@ -69,7 +71,7 @@ impl Size {
         let mut table = table(&header, 1);
         for row in boards {
             table.add_row([
-                row.board.to_owned(),
+                row.board,
                 row.flash_bytes.to_string(),
                 row.statics_bytes.to_string(),
                 row.lent_bytes.to_string(),
@@ -78,7 +80,8 @@ impl Size {
             ]);
         }
         Ok(format!(
-            "{table}\nbytes; of emulated boards flash holds every preset, and the emulator's files and reports\n\
+            "{table}\nbytes; of emulated boards flash holds every preset, or the one that is named, and the emulator's files and \
+             reports\n\
             deepest stack: the compiler's frames along the deepest chain of calls, those by pointers left out, and \
             the deepest handler of an interrupt\n"
         ))

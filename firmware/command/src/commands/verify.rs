@@ -11,7 +11,7 @@ use vgstereo_sim::tables::table;
 use vgstereo_sim::terminal::progress_bar;
 
 use super::images::Images;
-use super::selection::ExecutedSelection;
+use super::selection::{Alone, ExecutedSelection};
 use crate::board::Board;
 use crate::build::build;
 use crate::elf::Sizes;
@@ -50,6 +50,8 @@ pub struct Verify {
     #[arg(long, value_name = "N", default_value_t = 32)]
     disparities: u16,
     #[command(flatten)]
+    alone: Alone,
+    #[command(flatten)]
     selection: ExecutedSelection,
 }
 
@@ -69,7 +71,7 @@ impl Verify {
     /// is missing.
     pub fn run(self) -> Result<String> {
         let given = self.images.pair(self.disparities)?;
-        let mut boards = self.selection.boards();
+        let mut boards = self.alone.of(self.selection.boards())?;
         if given.is_some() && !self.selection.is_one() {
             boards.retain(|board| board.emulation.is_some());
         }
@@ -98,7 +100,9 @@ impl Verify {
                     };
                     // With a scan where there is room for it.
                     let mut requests = [scanning, request].into_iter();
-                    let fitting = requests.find(|request| request.working_bytes() <= lent_bytes);
+                    let fitting = requests.find(|request| {
+                        request.working_bytes() <= lent_bytes && board.is_built_for(request)
+                    });
                     if let Some(request) = fitting {
                         cases.push(Case {
                             board,
@@ -133,7 +137,7 @@ impl Verify {
             if let [first, ..] = rows {
                 let presets: Vec<_> = rows.iter().map(|case| case.request.preset.name()).collect();
                 table.add_row([
-                    first.board.name.to_owned(),
+                    first.board.full_name(),
                     first.pair.name.clone(),
                     first.pair.size(),
                     presets.join(", "),
