@@ -15,7 +15,7 @@ use crate::toolchain::{Toolchain, root};
 /// # Errors
 /// Fails when there is no compiler for the board or the firmware does not compile.
 pub fn build(board: &Board) -> Result<PathBuf> {
-    build_package(board, board.folder, &[])
+    build_package(board, board.folder, board.program(), &[])
 }
 
 /// Builds the program that compares a board's kernels with the reference, with debug assertions in the kernels,
@@ -27,22 +27,22 @@ pub fn build_suite(board: &Board) -> Result<PathBuf> {
     let suite = board.kernel_suite;
     let suite = suite.with_context(|| format!("{} has no suite of kernels", board.name))?;
     let assertions = "profile.release.package.vgstereo-kernels.debug-assertions=true";
-    build_package(board, suite, &["--config", assertions])
+    build_package(board, suite, suite, &["--config", assertions])
 }
 
-/// Builds the package of this name, whose folder below `firmware/boards` has it too.
-fn build_package(board: &Board, package: &str, options: &[&str]) -> Result<PathBuf> {
+/// Builds a program of the package of this name, whose folder below `firmware/boards` has it too.
+fn build_package(board: &Board, package: &str, program: &str, options: &[&str]) -> Result<PathBuf> {
     let mut command = Command::new(cargo());
-    command.arg("build");
+    command.args(["build", "--bin", program]);
     if !std::io::stderr().is_terminal() {
-        eprintln!("compiling the firmware of {package}");
+        eprintln!("compiling the firmware of {program}");
     }
     configure(&mut command, board, &toolchain(board)?);
     command.args(options).current_dir(package_folder(package));
     let status = command.status().context("cannot run cargo")?;
-    ensure!(status.success(), "the firmware of {package} does not build");
+    ensure!(status.success(), "the firmware of {program} does not build");
     let folder = target_folder(board).join(board.target).join("release");
-    Ok(folder.join(package))
+    Ok(folder.join(program))
 }
 
 /// The release profile of the boards' workspace, for a build in the workspace of the host: the standard library is
@@ -70,14 +70,15 @@ pub fn lint(board: &Board) -> Result<()> {
         )
     })?;
     let mut commands = Vec::new();
-    for package in [Some(board.folder), board.kernel_suite]
-        .into_iter()
-        .flatten()
-    {
+    let own = (board.folder, board.program());
+    let without_unit = board.with_unit(0).program();
+    let other = (without_unit != own.1).then_some((board.folder, without_unit));
+    let suite = board.kernel_suite.map(|suite| (suite, suite));
+    for (package, program) in [Some(own), other, suite].into_iter().flatten() {
         // In a build, which takes what the dependencies were compiled to: to check those apart takes
         // minutes. Only members of the boards' workspace go through the driver.
         let mut own = Command::new(cargo());
-        own.arg("rustc")
+        own.args(["rustc", "--bin", program])
             .env(
                 "RUSTC_WORKSPACE_WRAPPER",
                 linter.with_file_name("clippy-driver"),
