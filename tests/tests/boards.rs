@@ -67,7 +67,7 @@ const MODEL_TESTS: [(&str, BoardTest, bool); 7] = [
     ("hung_bus", restarts_when_a_bus_hangs, true),
 ];
 
-/// Tests of each board in RTL, and whether each runs it: then it is ignored if the RTL cannot be simulated.
+/// Tests of each board in RTL, with its stereo unit and without, and whether each runs it: then it is ignored if the RTL cannot be simulated.
 const SIMULATION_TESTS: [(&str, BoardTest, bool); 5] = [
     ("unit", the_stereo_unit_equals_the_reference, true),
     ("panics", no_panic_in_the_pipeline, false),
@@ -78,10 +78,14 @@ const SIMULATION_TESTS: [(&str, BoardTest, bool); 5] = [
 
 fn main() {
     let mut trials = Vec::new();
-    for board in Board::simulated() {
+    let with_and_without = |board: Board| [(board, true), (board.with_unit(0), false)];
+    for (board, has_unit) in Board::simulated().flat_map(with_and_without) {
         let unbuilt = toolchain::ensure_complete(&[board]).is_err();
         for (name, test, is_run) in SIMULATION_TESTS {
-            let name = format!("{}::{name}", board.name);
+            if name == "unit" && !has_unit {
+                continue;
+            }
+            let name = format!("{}::{name}", board.program());
             let trial = Trial::test(name, move || test(&board));
             let absent = unbuilt || (is_run && Simulator::find().is_err());
             trials.push(trial.with_ignored_flag(absent));
