@@ -3,6 +3,7 @@
 //! The unit reads what it needs from memory by itself, and keeps the costs and the path costs of a row: of its
 //! results, those that the pipeline reads are copied out.
 
+mod port;
 mod window;
 
 use vgstereo_core::forward_kernels;
@@ -10,19 +11,8 @@ use vgstereo_core::kernel::{
     AggregateRow, CELLS_PER_BYTE, CostRun, Kernels, Planes, Portable, RivalsRow,
 };
 
+pub use port::Port;
 use window::{PIECE_PX, Window};
-
-/// The way to a stereo unit.
-pub trait Port: Copy {
-    /// Reads the register at this offset from the unit's first.
-    fn read(self, offset: usize) -> u32;
-
-    /// Writes a register.
-    fn write(self, offset: usize, value: u32);
-
-    /// The address at which the unit reads these bytes: they are in its memory, as they are now.
-    fn address(self, bytes: &[u8]) -> u32;
-}
 
 // Registers.
 const STATUS: usize = 0x00;

@@ -1,6 +1,6 @@
 //! Windows of the unit: its results, word by word.
 
-use super::Port;
+use super::port::Port;
 
 /// Pixels of a row that the unit takes at a time, wherever the first lies in its word.
 pub(super) const PIECE_PX: usize = 252;
