@@ -16,12 +16,17 @@ use vgstereo_boards::elf::Sizes;
 use vgstereo_boards::emulator::{self, Clock};
 use vgstereo_boards::model::{Ran, Scenario};
 use vgstereo_boards::pair::Pair;
+use vgstereo_boards::stereo_unit::SimulatedUnit;
 use vgstereo_boards::toolchain::{ModelCompiler, Simulator};
 use vgstereo_boards::{host, model, panics, simulation, stack, toolchain};
-use vgstereo_core::{INVALID, Preset};
+use vgstereo_core::{INVALID, Kernels, Portable, Preset};
 use vgstereo_firmware::Statistics;
 use vgstereo_firmware::camera::{ErrorKind, PixelFormat};
 use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
+use vgstereo_kernels::StereoUnit;
+use vgstereo_kernels::cases::{
+    Case, Median9Case, PackCase, RowsCase, SmoothCase, below, generator,
+};
 
 /// Limits of RAM: board, preset, columns, number of disparities, and KiB that statics, working
 /// memory and stack may take together.
@@ -65,8 +70,9 @@ const MODEL_TESTS: [(&str, BoardTest, bool); 7] = [
     ("hung_bus", restarts_when_a_bus_hangs, true),
 ];
 
-/// Tests of each board in RTL, and whether each runs it: then it is ignored if the RTL cannot be simulated.
-const SIMULATION_TESTS: [(&str, BoardTest, bool); 4] = [
+/// Tests of each board in RTL, with its stereo unit and without, and whether each runs it: then it is ignored if the RTL cannot be simulated.
+const SIMULATION_TESTS: [(&str, BoardTest, bool); 5] = [
+    ("unit", the_stereo_unit_equals_the_reference, true),
     ("panics", no_panic_in_the_pipeline, false),
     ("memory", within_its_block_ram, false),
     ("pins", exact_under_every_fault_at_the_pins, true),
@@ -75,10 +81,14 @@ const SIMULATION_TESTS: [(&str, BoardTest, bool); 4] = [
 
 fn main() {
     let mut trials = Vec::new();
-    for board in Board::simulated() {
+    let with_and_without = |board: Board| [(board, true), (board.with_unit(0), false)];
+    for (board, has_unit) in Board::simulated().flat_map(with_and_without) {
         let unbuilt = toolchain::ensure_complete(&[board]).is_err();
         for (name, test, is_run) in SIMULATION_TESTS {
-            let name = format!("{}::{name}", board.name);
+            if name == "unit" && !has_unit {
+                continue;
+            }
+            let name = format!("{}::{name}", board.program());
             let trial = Trial::test(name, move || test(&board));
             let absent = unbuilt || (is_run && Simulator::find().is_err());
             trials.push(trial.with_ignored_flag(absent));
@@ -379,6 +389,45 @@ fn within_its_block_ram(board: &Board) -> Result<(), Failed> {
     let request = pair.request(Preset::Lite, 1, &[]).map_err(text)?;
     assert!(request.working_bytes() <= sizes.lent_bytes);
     Ok(())
+}
+
+/// Random tasks for the stereo unit alone, with as many costs in a cycle as it is built for.
+fn the_stereo_unit_equals_the_reference(board: &Board) -> Result<(), Failed> {
+    const TASKS: u64 = 40;
+    for lanes in [8, 16, 32] {
+        let program = simulation::build_unit(board, lanes).map_err(text)?;
+        let simulated = SimulatedUnit::start(&program).map_err(text)?;
+        let unit = StereoUnit::new(&simulated);
+        for seed in 0..TASKS {
+            let random = &mut generator(seed);
+            let task = format!("{lanes} costs in a cycle, seed {seed}");
+            let width = 1 + below(random, 300);
+            let mut cells = PackCase::random(random, width);
+            compare(&mut cells, unit, &task);
+            compare(&mut SmoothCase::random(random, width, 0), unit, &task);
+            compare(&mut Median9Case::random(random, width), unit, &task);
+            let disparities = 1 + below(random, 64);
+            let width_max = (1..=160).rfind(|&width| unit.fits(width, disparities));
+            let width = 1 + below(random, width_max.unwrap_or(1));
+            let mut rows = RowsCase::random(random, width, 3, disparities, 4);
+            let task = format!("{task}, {width} px, {disparities} disparities");
+            compare(&mut rows, unit, &task);
+        }
+    }
+    Ok(())
+}
+
+/// Runs a task with a kernel set and with the reference.
+fn compare<C: Case>(case: &mut C, kernels: impl Kernels, task: &str) {
+    let mut reference = case.clone();
+    reference.run(Portable);
+    case.run(kernels);
+    assert!(
+        case.output() == reference.output(),
+        "{task}: {:?} for {:?}",
+        case.output(),
+        reference.output()
+    );
 }
 
 /// Runs a board in RTL while its cameras fail, and asserts that each whole frame, and no other, equals

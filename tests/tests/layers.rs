@@ -42,7 +42,7 @@ const CRATES: [Layers; 6] = [
         sources: "core/kernels/src",
         rooms: &[
             &["cases"],
-            &["aarch64", "armv7em", "x86_64"],
+            &["aarch64", "armv7em", "stereo_unit", "x86_64"],
             &["helium", "rv32", "native"],
         ],
         allowed: &[],

@@ -459,11 +459,9 @@ impl RivalsCase {
     }
 }
 
-impl Case for RivalsCase {
-    type Output = Vec<u8>;
-
-    fn run(&mut self, kernels: impl Kernels) {
-        let row = RivalsRow {
+impl RivalsCase {
+    fn row(&self) -> RivalsRow<'_> {
+        RivalsRow {
             costs: &self.costs,
             stride: cost_stride(self.disparities),
             disparities: self.disparities,
@@ -471,8 +469,18 @@ impl Case for RivalsCase {
             ratio_q4: self.ratio_q4,
             slack: self.slack,
             rise: self.rise,
-        };
-        kernels.rivals_row(&row, &mut self.sums, &mut self.rivals);
+        }
+    }
+}
+
+impl Case for RivalsCase {
+    type Output = Vec<u8>;
+
+    fn run(&mut self, kernels: impl Kernels) {
+        let mut sums = core::mem::take(&mut self.sums);
+        let mut rivals = core::mem::take(&mut self.rivals);
+        kernels.rivals_row(&self.row(), &mut sums, &mut rivals);
+        (self.sums, self.rivals) = (sums, rivals);
     }
 
     fn output(&self) -> Vec<u8> {
@@ -776,18 +784,17 @@ impl CostCase {
     }
 }
 
-impl Case for CostCase {
-    type Output = Vec<u8>;
-
-    fn run(&mut self, kernels: impl Kernels) {
-        let run = CostRun {
-            start: self.start,
+impl CostCase {
+    /// `count` pixels from pixel `first` of the run on.
+    fn part(&self, first: usize, count: usize) -> CostRun<'_> {
+        CostRun {
+            start: self.start + first,
             inputs: self.inputs.planes(),
             masks: self.masks.as_ref().map_or(Planes::NONE, OwnPlanes::planes),
-            cell_costs_q8: &self.cell_costs_q8,
-            truncations: &self.truncations,
+            cell_costs_q8: &self.cell_costs_q8[first..][..count],
+            truncations: &self.truncations[first..(first + count).min(self.truncations.len())],
             stored: self.stored.planes(),
-            first_position: self.first_position,
+            first_position: self.first_position - first,
             disparities: self.disparities,
             hamming_truncation: self.hamming_truncation,
             levels: channel_rows(&self.levels),
@@ -796,8 +803,17 @@ impl Case for CostCase {
             channels: self.levels.len(),
             difference_truncation: self.difference_truncation,
             difference_weight_q4: self.difference_weight_q4,
-        };
-        kernels.cost_run(&run, &mut self.costs);
+        }
+    }
+}
+
+impl Case for CostCase {
+    type Output = Vec<u8>;
+
+    fn run(&mut self, kernels: impl Kernels) {
+        let mut costs = core::mem::take(&mut self.costs);
+        kernels.cost_run(&self.part(0, self.cell_costs_q8.len()), &mut costs);
+        self.costs = costs;
     }
 
     fn output(&self) -> Vec<u8> {
@@ -897,6 +913,84 @@ impl AggregateCase {
             margins: self.margins.clone(),
             other_best: self.other_best.clone(),
         }
+    }
+}
+
+/// Task for rows as the matcher has them: of each its costs, run by run, then [`Kernels::rivals_row`] and
+/// [`Kernels::aggregate_row`] on them. A set may keep costs and paths elsewhere than in memory.
+#[derive(Debug, Clone)]
+pub struct RowsCase {
+    costs: Vec<CostCase>,
+    rivals: Vec<RivalsCase>,
+    aggregate: Vec<AggregateCase>,
+}
+
+impl RowsCase {
+    /// The first `rows` rows of a frame of `width` pixels, with patterns of `bytes` bytes that all count.
+    pub fn random(
+        random: &mut Pcg32,
+        width: usize,
+        rows: usize,
+        disparities: usize,
+        bytes: usize,
+    ) -> Self {
+        let cost_max = byte(random);
+        let mut aggregate = AggregateCase::random(random, width, disparities, cost_max);
+        let mut case = Self {
+            costs: vec![],
+            rivals: vec![],
+            aggregate: vec![],
+        };
+        for _ in 0..rows {
+            let mut costs = CostCase::random(random, width, disparities, bytes, 1);
+            costs.masks = None;
+            costs.start = 0;
+            costs.inputs = OwnPlanes::alike(random, width, bytes);
+            costs.stored = OwnPlanes::alike(random, costs.stored.positions, bytes);
+            case.costs.push(costs);
+            case.rivals
+                .push(RivalsCase::random(random, width, disparities));
+            case.aggregate.push(aggregate.clone());
+            aggregate.next_row(random, cost_max);
+        }
+        case
+    }
+}
+
+impl Case for RowsCase {
+    /// Rivals of each row, and its selection.
+    type Output = Vec<(Vec<u8>, Selection)>;
+
+    fn run(&mut self, kernels: impl Kernels) {
+        const RUN: usize = 128;
+        let mut from_above = vec![];
+        let rows = self.costs.iter().zip(&mut self.rivals);
+        for ((inputs, rivals), aggregate) in rows.zip(&mut self.aggregate) {
+            if !aggregate.is_first {
+                aggregate.from_above = from_above;
+            }
+            let (width, stride) = (aggregate.best.len(), aggregate.stride);
+            for start in (0..width).step_by(RUN) {
+                let pixels = RUN.min(width - start);
+                let costs = &mut aggregate.costs[start * stride..(start + pixels) * stride];
+                kernels.cost_run(&inputs.part(start, pixels), costs);
+            }
+            let row = RivalsRow {
+                costs: &aggregate.costs,
+                ..rivals.row()
+            };
+            let mut found = rivals.rivals.clone();
+            kernels.rivals_row(&row, &mut rivals.sums.clone(), &mut found);
+            rivals.rivals = found;
+            aggregate.run(kernels);
+            from_above = aggregate.from_above.clone();
+        }
+    }
+
+    fn output(&self) -> Self::Output {
+        let rows = self.rivals.iter().zip(&self.aggregate);
+        rows.map(|(rivals, row)| (rivals.output(), row.selection()))
+            .collect()
     }
 }
 

@@ -30,6 +30,7 @@ pub mod cases;
 mod helium;
 mod native;
 mod rv32;
+mod stereo_unit;
 #[cfg(all(target_arch = "x86_64", feature = "std"))]
 pub mod x86_64;
 
@@ -38,3 +39,4 @@ pub use armv7em::Armv7em;
 pub use helium::Helium;
 pub use native::NativeKernels;
 pub use rv32::Rv32;
+pub use stereo_unit::{Port, StereoUnit};

@@ -22,7 +22,7 @@ const GUARD_COST: u8 = u8::MAX;
 pub struct AggregateRow<'a> {
     /// Matching costs, `stride` bytes per pixel, [`NO_COST`](super::NO_COST) beyond the range.
     /// Between [`aggregate_paths`] and [`select_row`](super::select_row) they are the path costs
-    /// from the left; afterwards scratch.
+    /// from the left; afterwards scratch. Those of a set that keeps them elsewhere are not here.
     pub costs: &'a mut [u8],
     /// Path costs from the right, of the size of `costs`: scratch.
     pub from_right: &'a mut [u8],

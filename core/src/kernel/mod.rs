@@ -62,7 +62,9 @@ pub use weighted_median::{MAX_TAP_ROWS, WeightedMedianRow, weighted_median_row};
 
 /// A kernel set: the inner loops of the pipeline, for one instruction set.
 ///
-/// Every method equals the plain reference with its name in this module, bit for bit. No method has
+/// Every method equals the plain reference with its name in this module, bit for bit. Only where the costs and the path
+/// costs of a row are kept is up to a set: what its [`Kernels::cost_run`] has computed, its [`Kernels::rivals_row`] and
+/// [`Kernels::aggregate_row`] take, and nothing else reads. No method has
 /// a default: a set that lacks a kernel of its own forwards it to a named set, with
 /// [`forward_kernels!`](crate::forward_kernels).
 pub trait Kernels: Copy {

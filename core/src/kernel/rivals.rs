@@ -19,7 +19,8 @@ const HIGHEST: u32 = 0x8000_8000;
 /// A row of costs in which rivals are looked for.
 #[derive(Debug, Clone, Copy)]
 pub struct RivalsRow<'a> {
-    /// Matching costs, `stride` per pixel, of which the first are those of the `disparities`.
+    /// Matching costs, `stride` per pixel, of which the first are those of the `disparities`. Those of a set that keeps
+    /// them elsewhere are not here.
     pub costs: &'a [u8],
     /// Bytes from the costs of one pixel to those of the next, at least 1.
     pub stride: usize,

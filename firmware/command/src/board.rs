@@ -68,12 +68,17 @@ pub struct Model {
 pub struct Simulation {
     /// The preset of the firmware.
     pub preset: Preset,
+    /// How many costs its stereo unit makes in a cycle, one of [`UNIT_LANES`]; 0 if it has none.
+    pub unit_lanes: u32,
     /// Packages that are compiled to be small rather than fast: the code has to fit the FPGA's memory.
     pub small_packages: &'static [&'static str],
 }
 
 /// The presets for which there are boards that are built for one alone.
 const ALONE_PRESETS: &[Preset] = &[Preset::Lite, Preset::Micro];
+
+/// Numbers of costs that a stereo unit may make in a cycle.
+pub const UNIT_LANES: [u32; 3] = [8, 16, 32];
 
 const ARM_TARGET: &str = "thumbv7em-none-eabihf";
 const ARMV8M_TARGET: &str = "thumbv8m.main-none-eabihf";
@@ -224,6 +229,7 @@ pub const SOFTCORE: Board = Board {
     model: None,
     simulation: Some(Simulation {
         preset: Preset::Lite,
+        unit_lanes: 16,
         small_packages: &["vgstereo-emulated", "vgstereo-link", "libm", "postcard"],
     }),
     alone_presets: &[],
@@ -243,6 +249,25 @@ impl Board {
         STM32F407,
         SOFTCORE,
     ];
+
+    /// Returns the name of the program that runs on it.
+    #[must_use]
+    pub fn program(&self) -> &'static str {
+        match self.simulation {
+            Some(Simulation { unit_lanes: 0, .. }) => "softcore-plain",
+            _ => self.folder,
+        }
+    }
+
+    /// Returns the board with another stereo unit, or none, if it is one in RTL.
+    #[must_use]
+    pub fn with_unit(self, unit_lanes: u32) -> Self {
+        let simulation = self.simulation.map(|simulation| Simulation {
+            unit_lanes,
+            ..simulation
+        });
+        Self { simulation, ..self }
+    }
 
     /// Returns all boards that are emulated.
     pub fn emulated() -> impl Iterator<Item = Self> {

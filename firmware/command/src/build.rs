@@ -15,13 +15,14 @@ use crate::toolchain::{Toolchain, root};
 /// # Errors
 /// Fails when there is no compiler for the board or the firmware does not compile.
 pub fn build(board: &Board) -> Result<PathBuf> {
+    let program = board.program();
     let Some(preset) = board.alone else {
-        return build_package(board, board.folder, "release", &[]);
+        return build_program(board, board.folder, program, "release", &[]);
     };
     let options = ["--no-default-features", "--features", preset.name()];
-    let linked = build_package(board, board.folder, "small", &options)?;
+    let linked = build_program(board, board.folder, program, "small", &options)?;
     // The next build for another preset replaces the file.
-    let kept = linked.with_file_name(format!("{}-{preset}", board.folder));
+    let kept = linked.with_file_name(format!("{program}-{preset}"));
     std::fs::copy(&linked, &kept).with_context(|| format!("cannot copy {}", linked.display()))?;
     Ok(kept)
 }
@@ -35,22 +36,29 @@ pub fn build_suite(board: &Board) -> Result<PathBuf> {
     let suite = board.kernel_suite;
     let suite = suite.with_context(|| format!("{} has no suite of kernels", board.name))?;
     let assertions = "profile.release.package.vgstereo-kernels.debug-assertions=true";
-    build_package(board, suite, "release", &["--config", assertions])
+    build_program(board, suite, suite, "release", &["--config", assertions])
 }
 
-/// Builds the package of this name, whose folder below `firmware/boards` has it too, in a profile of their workspace.
-fn build_package(board: &Board, package: &str, profile: &str, options: &[&str]) -> Result<PathBuf> {
+/// Builds a program of the package of this name, whose folder below `firmware/boards` has it too, in a profile of their
+/// workspace.
+fn build_program(
+    board: &Board,
+    package: &str,
+    program: &str,
+    profile: &str,
+    options: &[&str],
+) -> Result<PathBuf> {
     let mut command = Command::new(cargo());
-    command.arg("build");
+    command.args(["build", "--bin", program]);
     if !std::io::stderr().is_terminal() {
-        eprintln!("compiling the firmware of {package}");
+        eprintln!("compiling the firmware of {program}");
     }
     configure(&mut command, board, &toolchain(board)?, profile);
     command.args(options).current_dir(package_folder(package));
     let status = command.status().context("cannot run cargo")?;
-    ensure!(status.success(), "the firmware of {package} does not build");
+    ensure!(status.success(), "the firmware of {program} does not build");
     let folder = target_folder(board).join(board.target).join(profile);
-    Ok(folder.join(package))
+    Ok(folder.join(program))
 }
 
 /// The release profile of the boards' workspace, for a build in the workspace of the host: the standard library is
@@ -78,14 +86,15 @@ pub fn lint(board: &Board) -> Result<()> {
         )
     })?;
     let mut commands = Vec::new();
-    for package in [Some(board.folder), board.kernel_suite]
-        .into_iter()
-        .flatten()
-    {
+    let own = (board.folder, board.program());
+    let without_unit = board.with_unit(0).program();
+    let other = (without_unit != own.1).then_some((board.folder, without_unit));
+    let suite = board.kernel_suite.map(|suite| (suite, suite));
+    for (package, program) in [Some(own), other, suite].into_iter().flatten() {
         // In a build, which takes what the dependencies were compiled to: to check those apart takes
         // minutes. Only members of the boards' workspace go through the driver.
         let mut own = Command::new(cargo());
-        own.arg("rustc")
+        own.args(["rustc", "--bin", program])
             .env(
                 "RUSTC_WORKSPACE_WRAPPER",
                 linter.with_file_name("clippy-driver"),

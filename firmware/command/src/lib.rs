@@ -6,7 +6,7 @@
 //! look into the linked files, and [`log`] decodes what a board logs. [`pair`] prepares images,
 //! [`host`] matches them here, [`emulator`] runs a board on them, [`live`] one that
 //! serves the link, by way of a [`bridge`], [`model`] the real one's firmware on a model of its chip, and
-//! [`simulation`] the one that is hardware in RTL. [`received`] takes apart what these two send. [`commands`] are
+//! [`simulation`] the one that is hardware in RTL, of which [`stereo_unit`] drives a part. [`received`] takes apart what these two send. [`commands`] are
 //! the verbs of `cargo firmware`.
 
 pub mod board;
@@ -24,4 +24,5 @@ pub mod panics;
 pub mod received;
 pub mod simulation;
 pub mod stack;
+pub mod stereo_unit;
 pub mod toolchain;

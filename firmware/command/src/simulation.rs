@@ -12,7 +12,7 @@ use vgstereo_emulated::{Report, Request};
 use vgstereo_firmware::camera::ErrorKind;
 use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
 
-use crate::board::Board;
+use crate::board::{Board, Simulation};
 use crate::elf::{self, Image};
 use crate::host::Frames;
 use crate::pair::Pair;
@@ -21,8 +21,10 @@ use crate::toolchain::{Simulator, root};
 
 /// The symbol of the place for the request in the image, and its length in bytes.
 const REQUEST: &str = "request";
-/// Where the processor has its code and its data, and their lengths, bytes. `rtl/soc.sv` has them too.
-const CODE: (u64, u64) = (0, 256 << 10);
+/// Where the processor has its code, with and without a stereo unit, and its data, and their lengths, bytes.
+/// `rtl/soc.sv` has them too.
+const CODE: (u64, u64) = (0, 208 << 10);
+const PLAIN_CODE: (u64, u64) = (0, 256 << 10);
 const DATA: (u64, u64) = (0x1000_0000, 96 << 10);
 /// Cycles after which a run is taken for hung: for the start and the waits of a fault, and for each pixel and
 /// disparity.
@@ -106,19 +108,41 @@ pub fn ensure_built_for(board: &Board, request: &Request) -> Result<()> {
 /// # Errors
 /// Fails with one line when a tool is missing or the RTL does not build.
 pub fn build(board: &Board) -> Result<PathBuf> {
-    let tools = Simulator::find().with_context(|| {
-        format!(
-            "{} cannot be simulated: cargo firmware setup tells how to install what is missing",
-            board.name
-        )
-    })?;
-    let folder = Simulator::folder().join("sim");
+    let sources = root().join("firmware/boards").join(board.folder);
+    let mut files = files_with(&sources.join("rtl"), "sv")?;
+    files.extend(files_with(&sources.join("sim"), "cpp")?);
+    files.push(Simulator::find()?.processor);
+    let simulation = board.simulation.context("the board is not simulated")?;
+    let lanes = simulation.unit_lanes;
+    let setting = format!("-GUNIT_LANES={lanes}");
+    verilate(&format!("sim{lanes}"), "soc", &[&setting], &files)
+}
+
+/// Makes a program of the stereo unit alone, with a memory beside it, which makes so many costs in a cycle, and returns
+/// its path.
+///
+/// # Errors
+/// Fails with one line when a tool is missing or the RTL does not build.
+pub fn build_unit(board: &Board, lanes: u32) -> Result<PathBuf> {
+    let sources = root().join("firmware/boards").join(board.folder);
+    let mut files = files_with(&sources.join("rtl"), "sv")?;
+    files.retain(|file| !file.ends_with("soc.sv"));
+    files.extend(files_with(&sources.join("sim/unit"), "cpp")?);
+    let setting = format!("-GLANES={lanes}");
+    verilate(&format!("unit{lanes}"), "stereo_unit", &[&setting], &files)
+}
+
+/// Makes a program of a module in RTL and what is around it, in a folder of its own, and returns its path.
+fn verilate(name: &str, module: &str, settings: &[&str], files: &[PathBuf]) -> Result<PathBuf> {
+    let tools = Simulator::find().context(
+        "it cannot be simulated: cargo firmware setup tells how to install what is missing",
+    )?;
+    let folder = Simulator::folder().join(name);
     let making = || format!("cannot write {}", folder.display());
     fs::create_dir_all(&folder).with_context(making)?;
     // Tests and commands may run at the same time. The file is unlocked when it is closed.
     let lock = File::create(folder.join("lock")).with_context(making)?;
     lock.lock().with_context(making)?;
-    let sources = root().join("firmware/boards").join(board.folder);
     let mut command = Command::new(&tools.verilator);
     command
         .args(["--cc", "--exe", "--build", "-O3", "--noassert"])
@@ -126,21 +150,19 @@ pub fn build(board: &Board) -> Result<PathBuf> {
         // The processor's source is not ours to mend.
         .args(["-Wno-fatal", "-Wno-lint", "-Wno-style"])
         .args(["-CFLAGS", "-std=c++17", "-MAKEFLAGS", "OPT_FAST=-O2"])
-        .args(["--top-module", "soc", "-o", board.name, "--Mdir"])
+        .args(settings)
+        .args(["--top-module", module, "-o", "program", "--Mdir"])
         .arg(&folder)
-        .arg(&tools.processor)
-        .args(files_with(&sources.join("rtl"), "sv")?)
-        .args(files_with(&sources.join("sim"), "cpp")?);
+        .args(files);
     let output = command.stdin(Stdio::null()).output();
     let output = output.with_context(|| format!("cannot run {}", tools.verilator.display()))?;
     ensure!(
         output.status.success(),
-        "the RTL of {} does not build: {}{}",
-        board.name,
+        "the RTL of {module} does not build: {}{}",
         String::from_utf8_lossy(&output.stdout),
         String::from_utf8_lossy(&output.stderr)
     );
-    Ok(folder.join(board.name))
+    Ok(folder.join("program"))
 }
 
 /// Returns the files of a folder with this extension, in the order of their names.
@@ -169,7 +191,11 @@ pub fn run(
     ensure_built_for(board, request)?;
     let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
     let path = |name: &str| folder.path().join(name);
-    write_images(firmware, request, folder.path())?;
+    let code = match board.simulation {
+        Some(Simulation { unit_lanes: 0, .. }) => PLAIN_CODE,
+        _ => CODE,
+    };
+    write_images(firmware, code, request, folder.path())?;
     write_views(pair, folder.path())?;
     let pixels = u64::from(pair.left.width()) * u64::from(pair.left.height());
     let frames = u64::from(request.frames) + scenario.faults.len() as u64 + 1;
@@ -248,9 +274,9 @@ fn report_of(received: &Received) -> Option<Result<Report, String>> {
 }
 
 /// Writes what the memories of code and data hold, with the request in its place.
-fn write_images(firmware: &Path, request: &Request, folder: &Path) -> Result<()> {
+fn write_images(firmware: &Path, code: (u64, u64), request: &Request, folder: &Path) -> Result<()> {
     let image = Image::read(firmware)?;
-    let code = image.bytes(CODE.0, CODE.1)?;
+    let code = image.bytes(code.0, code.1)?;
     let mut data = image.bytes(DATA.0, DATA.1)?;
     let (address, size) = elf::symbol(firmware, REQUEST)?;
     let text = request.to_string();

@@ -22,7 +22,7 @@ use vgstereo_kernels::aarch64::Neon;
 use vgstereo_kernels::cases::{
     AggregateCase, ArmsCase, Case, ChannelCase, CheckCase, ConvertCase, CostCase, LumaCase,
     MaskCase, Median9Case, PackCase, PathsCase, PenaltyCase, RecallCase, ResampleCase, RivalsCase,
-    SelectCase, SmoothCase, WeightedMedianCase, generator,
+    RowsCase, SelectCase, SmoothCase, WeightedMedianCase, generator,
 };
 #[cfg(target_arch = "x86_64")]
 use vgstereo_kernels::x86_64::{Avx2, Avx512};
@@ -38,7 +38,7 @@ macro_rules! suite {
     ($name:literal: $set:expr) => {
         suite!(@ $name: $set; luma_row, channel_row, resample_row, convert_row, smooth_row,
             pack_cells, recall_row, mask_block, cost_run, penalty_row, aggregate_paths, select_row,
-            aggregate_row, rivals_row, check_row, arms_row, median9_row, weighted_median_row)
+            aggregate_row, whole_row, rivals_row, check_row, arms_row, median9_row, weighted_median_row)
     };
     (@ $name:literal: $set:expr; $($kernel:ident),+) => {
         [$(trial(concat!($name, "::", stringify!($kernel)), $set, |set| $kernel(set)),)+]
@@ -366,6 +366,18 @@ fn aggregate_row(kernels: impl Kernels) {
             is_alike(&mut case, kernels)?;
             case.next_row(random, cost_max);
         }
+    });
+}
+
+/// Costs, rivals, paths and selection, one after another.
+fn whole_row(kernels: impl Kernels) {
+    let width = prop_oneof![4 => 1_usize..60, 1 => 120_usize..=160];
+    let bytes = prop_oneof![Just(4_usize), Just(6), Just(16)];
+    proptest!(config(), |(
+        width in width, disparities in disparities(), bytes in bytes, seed in any::<u64>(),
+    )| {
+        let random = &mut generator(seed);
+        is_alike(&mut RowsCase::random(random, width, 3, disparities, bytes), kernels)?;
     });
 }
 

@@ -1,5 +1,5 @@
 // The system on a chip: VexRiscv, its memories, two camera ports, a serial port, a timer with a
-// watchdog, and eight LEDs. The processor caches what is below 0x8000_0000.
+// watchdog, eight LEDs, and the stereo unit, which reads the data memory while the processor does not. The processor caches what is below 0x8000_0000.
 //
 //  0x0000_0000  code, fetched only
 //  0x1000_0000  data
@@ -7,10 +7,13 @@
 //  0x8100_0000  timer and watchdog
 //  0x8200_0000  camera ports
 //  0x8300_0000  LEDs
+//  0x8400_0000  stereo unit, if there is one
 module soc #(
     parameter int CLOCK_MHZ = 48,
     parameter int BIT_CYCLES = 16,         // of the serial port
-    parameter int CODE_WORDS = 65536,
+    parameter int UNIT_LANES = 16,         // costs in a cycle: 8, 16 or 32; 0 for no stereo unit
+    // Without the unit, its kernels are code.
+    parameter int CODE_WORDS = UNIT_LANES != 0 ? 53248 : 65536,
     parameter int DATA_WORDS = 24576,
     parameter int CAMERA_LINES = 128,
     parameter int CAMERA_LINE_WORDS = 40,
@@ -89,12 +92,17 @@ module soc #(
   wire is_timer = region == 8'h81;
   wire is_camera = region == 8'h82;
   wire is_leds = region == 8'h83;
+  wire is_unit = region == 8'h84 && UNIT_LANES != 0;
   wire reads = data_active && !data_we && !read_ack;
   logic [7:0] region_read;
-  logic [31:0] ram_data, uart_data, timer_data, camera_data;
+  logic [31:0] ram_data, uart_data, timer_data, camera_data, unit_data;
+  // The unit has the data memory when the processor is not at what is cached.
+  logic unit_asks;
+  logic [21:0] unit_word;
+  wire unit_takes = unit_asks && !(data_active && !data_adr[29]);
 
   data_ram #(.WORDS(DATA_WORDS), .FILE(DATA_FILE)) variable_ram (
-      .clk, .addr(data_word[DATA_AT-1:0]), .write(data_writes && is_data), .bytes(data_sel),
+      .clk, .addr(unit_takes ? unit_word[DATA_AT-1:0] : data_word[DATA_AT-1:0]), .write(data_writes && is_data), .bytes(data_sel),
       .write_data(data_out), .data(ram_data));
   uart #(.DIVIDER(BIT_CYCLES)) serial (
       .clk, .rst_n(core_rst_n), .write(data_writes && is_uart), .read(reads && is_uart),
@@ -109,13 +117,25 @@ module soc #(
       .addr({data_adr[12:0], 2'b0}), .write_data(data_out), .read_data(camera_data),
       .has_room(camera_has_room), .may_begin(camera_may_begin));
 
+  if (UNIT_LANES != 0) begin : stereo
+    stereo_unit #(.LANES(UNIT_LANES)) unit (
+        .clk, .rst_n(core_rst_n), .write(data_writes && is_unit), .addr({data_adr[10:0], 2'b0}),
+        .write_data(data_out), .read_data(unit_data), .memory_asks(unit_asks), .memory_at(unit_word),
+        .memory_takes(unit_takes), .memory_data(ram_data));
+  end else begin : no_stereo
+    assign unit_asks = 1'b0;
+    assign unit_word = '0;
+    assign unit_data = '0;
+  end
+
   always_ff @(posedge clk) begin
     region_read <= region;
     if (!core_rst_n) leds <= '0;
     else if (data_writes && is_leds) leds <= data_out[7:0];
     if (!rst_n) bus_fault <= 1'b0;
     else if (core_rst_n) begin
-      if (data_active && !(is_data || is_uart || is_timer || is_camera || is_leds)) bus_fault <= 1'b1;
+      if (data_active && !(is_data || is_uart || is_timer || is_camera || is_leds || is_unit))
+        bus_fault <= 1'b1;
       if (data_active && is_data && data_adr[21:0] >= 22'(DATA_WORDS)) bus_fault <= 1'b1;
       if (code_active && code_adr >= 30'(CODE_WORDS)) bus_fault <= 1'b1;
     end
@@ -126,6 +146,7 @@ module soc #(
       8'h81: data_in = timer_data;
       8'h82: data_in = camera_data;
       8'h83: data_in = {24'b0, leds};
+      8'h84: data_in = unit_data;
       default: data_in = ram_data;
     endcase
   end

@@ -1,9 +1,11 @@
-//! The kernels of the preset that this firmware is for.
+//! The kernels of the preset that this firmware is for, all of them code.
 
 use vgstereo_core::Portable;
 use vgstereo_core::forward_kernels;
 use vgstereo_core::kernel::{CostRun, Kernels};
 use vgstereo_kernels::Rv32;
+
+use crate::board::BoardKernels;
 
 /// [`Rv32`] for `lite`. What that does not use is the reference, which has the same results and takes
 /// the least room: block RAM is short.
@@ -20,5 +22,11 @@ impl Kernels for LiteKernels {
     #[inline]
     fn cost_run(&self, run: &CostRun<'_>, costs: &mut [u8]) {
         Rv32.cost_run_or(&Portable, run, costs);
+    }
+}
+
+impl BoardKernels for LiteKernels {
+    fn fit(&self, _: usize, _: usize) -> bool {
+        true
     }
 }

@@ -7,7 +7,7 @@ pub(crate) struct Register(usize);
 impl Register {
     /// # Safety
     /// The register is there, and reading or writing it does nothing to memory.
-    const unsafe fn at(address: usize) -> Self {
+    pub(crate) const unsafe fn at(address: usize) -> Self {
         Self(address)
     }
 

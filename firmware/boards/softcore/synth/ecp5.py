@@ -21,8 +21,9 @@ import sys
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
 RTL = pathlib.Path("firmware/boards/softcore/rtl")
-# Words of the memories, as in soc.sv.
-WORDS = {"CODE_FILE": 65536, "DATA_FILE": 24576}
+# Words of the memories: of code with and without a stereo unit, and of data.
+CODE_WORDS = {True: 53248, False: 65536}
+DATA_WORDS = 24576
 
 
 def tool(name, arguments, log):
@@ -46,11 +47,12 @@ def processor():
         sys.exit(f"error: {path}: the tools see only what is below {ROOT}: install it in target/softcore/synth")
 
 
-def synthesise(folder):
-    """Makes the netlist of the system, folder/soc.json."""
+def synthesise(folder, lanes):
+    """Makes the netlist of the system, folder/soc.json, with a stereo unit that makes so many costs in a cycle."""
     generator = random.Random(1)
-    settings = []
-    for name, words in WORDS.items():
+    code_words = CODE_WORDS[lanes > 0]
+    settings = [f"-G UNIT_LANES={lanes}", f"-G CODE_WORDS={code_words}"]
+    for name, words in {"CODE_FILE": code_words, "DATA_FILE": DATA_WORDS}.items():
         path = folder / f"{name.lower()}.hex"
         lines = "".join(f"{generator.getrandbits(32):08x}\n" for _ in range(words))
         (ROOT / path).write_text(lines, encoding="ascii")
@@ -81,12 +83,16 @@ def main():
     """Prints a row for each seed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=1, metavar="N", help="place and route N times (default 1)")
+    parser.add_argument(
+        "--unit", type=int, default=16, choices=(0, 8, 16, 32), metavar="N",
+        help="costs that the stereo unit makes in a cycle: 8, 16 or 32; 0 for no unit (default 16)",
+    )
     parser.add_argument("--mhz", type=float, default=60.0, help="clock to aim for (default 60)")
     arguments = parser.parse_args()
-    folder = pathlib.Path("target/softcore/ecp5")
+    folder = pathlib.Path(f"target/softcore/ecp5-{arguments.unit}")
     (ROOT / folder).mkdir(parents=True, exist_ok=True)
     print("synthesising", file=sys.stderr)
-    synthesise(folder)
+    synthesise(folder, arguments.unit)
     print("| seed | LUT4 | flip-flops | block RAM of 208 | multipliers | system MHz | PCLK MHz |")
     print("|---:|---:|---:|---:|---:|---:|---:|")
     for seed in range(1, arguments.seeds + 1):

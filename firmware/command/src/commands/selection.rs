@@ -1,9 +1,9 @@
-//! The option `--board`, which several verbs take.
+//! The options `--board`, `--preset` and `--stereo-unit`, which several verbs take.
 
 use clap::Args;
 use vgstereo_core::Preset;
 
-use crate::board::{Board, NotAlone, UnknownBoard};
+use crate::board::{Board, NotAlone, UNIT_LANES, UnknownBoard};
 use crate::toolchain::{ModelCompiler, Simulator};
 
 /// The option of the verbs that build boards for one preset alone.
@@ -33,6 +33,33 @@ impl Alone {
     }
 }
 
+/// The option of the verbs that take the soft core.
+#[derive(Debug, Clone, Args)]
+pub struct UnitSelection {
+    /// Costs that the stereo unit of softcore makes in a cycle: 8, 16 or 32; 0 for no such unit [default: 16].
+    #[arg(long, value_name = "N", value_parser = parse_unit)]
+    stereo_unit: Option<u32>,
+}
+
+impl UnitSelection {
+    /// Returns the board with this unit, if it is one that may have it.
+    #[must_use]
+    pub fn applied(&self, board: Board) -> Board {
+        self.stereo_unit
+            .map_or(board, |unit_lanes| board.with_unit(unit_lanes))
+    }
+}
+
+/// Returns the number of costs in a cycle.
+///
+/// # Errors
+/// Fails with one line when no unit makes so many.
+fn parse_unit(lanes: &str) -> Result<u32, String> {
+    let lanes = lanes.parse().ok();
+    let known = lanes.filter(|lanes| *lanes == 0 || UNIT_LANES.contains(lanes));
+    known.ok_or_else(|| "there are units for 8, 16 and 32 costs, and 0 for none".to_owned())
+}
+
 /// The option of the verbs that take one board or all boards.
 #[derive(Debug, Clone, Args)]
 pub struct Selection {
@@ -40,13 +67,17 @@ pub struct Selection {
     /// softcore.
     #[arg(long, value_name = "B", value_parser = parse_board)]
     board: Option<Board>,
+    #[command(flatten)]
+    unit: UnitSelection,
 }
 
 impl Selection {
     /// Returns the board that was named, or else all boards.
     #[must_use]
     pub fn boards(&self) -> Vec<Board> {
-        self.board.map_or(Board::ALL.to_vec(), |board| vec![board])
+        let all = Board::ALL.into_iter();
+        let selected = all.filter(|board| self.board.is_none_or(|one| one == *board));
+        selected.map(|board| self.unit.applied(board)).collect()
     }
 }
 
@@ -56,14 +87,16 @@ pub struct CountedSelection {
     /// Only this board: stm32f405, mps2-an500, mps3-an547, riscv-virt, riscv-virt-zbb or softcore.
     #[arg(long, value_name = "B", value_parser = parse_counted_board)]
     board: Option<Board>,
+    #[command(flatten)]
+    unit: UnitSelection,
 }
 
 impl CountedSelection {
     /// Returns the board that was named, or else all emulated boards: a simulated one takes minutes.
     #[must_use]
     pub fn boards(&self) -> Vec<Board> {
-        self.board
-            .map_or(Board::emulated().collect(), |board| vec![board])
+        let selected = self.board.map(|board| vec![self.unit.applied(board)]);
+        selected.unwrap_or_else(|| Board::emulated().collect())
     }
 }
 
@@ -74,6 +107,8 @@ pub struct ExecutedSelection {
     /// softcore.
     #[arg(long, value_name = "B", value_parser = parse_executed_board)]
     board: Option<Board>,
+    #[command(flatten)]
+    unit: UnitSelection,
 }
 
 impl ExecutedSelection {
@@ -90,7 +125,9 @@ impl ExecutedSelection {
         let modelled = Board::modelled().filter(|_| ModelCompiler::find().is_some());
         let simulated = Board::simulated().filter(|_| Simulator::find().is_ok());
         let all = Board::emulated().chain(modelled).chain(simulated);
-        self.board.map_or(all.collect(), |board| vec![board])
+        let selected = self.board.map_or(all.collect(), |board| vec![board]);
+        let selected = selected.into_iter();
+        selected.map(|board| self.unit.applied(board)).collect()
     }
 }
 

@@ -1,0 +1,190 @@
+// Selects the best disparity of each pixel of both views, from the sums of the path costs. It is the kernel
+// `select_row`. The pixels come from right to left, each at least two cycles after the last block of the one before.
+//
+// The best of the other view's positions lie in a window that moves on by one with each pixel: what leaves it is done.
+module unit_selection #(
+    parameter int LANES = 16,
+    parameter int DISPARITIES = 64
+) (
+    input  logic                clk, rst_n,
+    input  logic                start,
+    input  logic [6:0]          disparities,
+    input  logic [7:0]          relief,
+    input  logic [9:0]          lines_min,
+    input  logic                valid,
+    input  logic [5:0]          block,
+    input  logic                last,
+    input  logic [7:0]          pixel,
+    input  logic [10*LANES-1:0] sums,
+    output logic                busy,
+    // The other view's best: sum << 6 | index, all ones if there is none.
+    output logic                other_write,
+    output logic [7:0]          other_at,
+    output logic [15:0]         other,
+    // The pixel's best, its margin, and the step to the minimum.
+    output logic                best_write,
+    output logic [7:0]          best_at,
+    output logic [5:0]          best,
+    output logic [14:0]         margin,
+    output logic signed [4:0]   step_q4
+);
+  localparam int BLOCKS = DISPARITIES / LANES;
+  localparam int BLOCK_AT = BLOCKS > 1 ? $clog2(BLOCKS) : 1;
+  localparam logic [15:0] NONE = '1;
+  wire [6:0] last_block = (disparities - 1'b1) / 7'(LANES);
+
+  function automatic logic [15:0] least_of(input logic [15:0] keys[LANES]);
+    logic [15:0] tree[2*LANES];
+    for (int i = 0; i < LANES; i++) tree[LANES+i] = keys[i];
+    for (int i = LANES - 1; i > 0; i--) tree[i] = tree[2*i] < tree[2*i+1] ? tree[2*i] : tree[2*i+1];
+    return tree[1];
+  endfunction
+
+  // The other view. After the last pixel, what is left in the window moves out.
+  logic [15:0] window[DISPARITIES];
+  logic [6:0] left;
+  logic moved, ends;
+  wire moves = valid && block == 0;
+  wire [BLOCK_AT-1:0] at = block[BLOCK_AT-1:0];
+  logic [15:0] keys[LANES];
+  always_comb begin
+    for (int lane = 0; lane < LANES; lane++) begin
+      automatic logic [6:0] d = 7'(at) * 7'(LANES) + 7'(lane);
+      keys[lane] = d < disparities ? {sums[10*lane+:10], d[5:0]} : NONE;
+    end
+  end
+  always_ff @(posedge clk) begin
+    if (!rst_n) begin
+      {left, other_write, moved, ends} <= '0;
+    end else begin
+      ends <= valid && last && pixel == 0;
+      if (start) begin
+        moved <= 1'b0;
+        other_at <= '1;
+      end else if (moves) moved <= 1'b1;
+      if (ends) left <= disparities;
+      else if (left != 0) left <= left - 1'b1;
+      // Before the first pixel, the window holds nothing.
+      other_write <= (moves && moved) || left != 0;
+      if ((moves && moved) || left != 0) other_at <= other_at + 1'b1;
+    end
+    other <= window[0];
+    for (int d = 0; d < DISPARITIES; d++) begin
+      automatic logic [15:0] held = moves || left != 0 ? (d + 1 == DISPARITIES ? NONE : window[d+1]) : window[d];
+      if (moves && !moved) held = NONE;
+      window[d] <= valid && d / LANES == 32'(at) && keys[d%LANES] < held ? keys[d%LANES] : held;
+    end
+  end
+
+  // The best of the pixel: of each block, then of those so far.
+  logic [9:0] sum[DISPARITIES];
+  logic [15:0] least_1, least_2;
+  logic valid_1, first_1, last_1, chosen;
+  logic [7:0] pixel_1, pixel_2;
+  // The second best, which is no neighbour of the best: block by block as well.
+  logic [15:0] picked;
+  logic [7:0] picked_pixel;
+  logic [9:0] sum_before, sum_after;
+  logic has_both, scans, scanned, scan_first, scan_ends, done;
+  logic [BLOCK_AT-1:0] scan;
+  logic [9:0] second_1;
+  logic [9:0] second;
+  logic [15:0] others[LANES];
+  wire [5:0] picked_index = picked[5:0];
+  always_comb begin
+    for (int lane = 0; lane < LANES; lane++) begin
+      automatic logic [6:0] d = 7'(scan) * 7'(LANES) + 7'(lane);
+      automatic logic is_near = d + 7'd1 >= 7'(picked_index) && d <= 7'(picked_index) + 7'd1;
+      others[lane] = is_near || d >= disparities ? NONE : {sum[6'(d)], 6'd0};
+    end
+  end
+  wire [9:0] least_other = 10'(least_of(others) >> 6);
+  always_ff @(posedge clk) begin
+    if (!rst_n) begin
+      {valid_1, chosen, scans, scanned, done} <= '0;
+    end else begin
+      valid_1 <= valid;
+      chosen <= valid_1 && last_1;
+      if (chosen) scans <= 1'b1;
+      else if (7'(scan) == last_block) scans <= 1'b0;
+      scanned <= scans;
+      done <= scanned && scan_ends;
+    end
+    if (valid)
+      for (int lane = 0; lane < LANES; lane++) sum[32'(at)*LANES+lane] <= sums[10*lane+:10];
+    least_1 <= least_of(keys);
+    {first_1, last_1, pixel_1} <= {block == 0, last, pixel};
+    if (valid_1) begin
+      if (first_1 || least_1 < least_2) least_2 <= least_1;
+      pixel_2 <= pixel_1;
+    end
+    if (chosen) begin
+      picked <= least_2;
+      picked_pixel <= pixel_2;
+      sum_before <= sum[least_2[5:0]-1'b1];
+      sum_after <= sum[least_2[5:0]+1'b1];
+      has_both <= least_2[5:0] != 0 && 7'(least_2[5:0]) + 7'd1 < disparities;
+      scan <= '0;
+    end else scan <= scan + 1'b1;
+    second_1 <= least_other;
+    scan_first <= scan == 0;
+    scan_ends <= 7'(scan) == last_block;
+    if (scanned) second <= scan_first || second_1 < second ? second_1 : second;
+  end
+
+  // The sub-pixel step.
+  logic [5:0] made;
+  logic [7:0] pixel_s[6];
+  logic [5:0] index_s[6];
+  logic [14:0] margin_s[6];
+  logic has_s[6], is_negative[6];
+  logic [9:0] rise_before, rise_after, larger, smaller, larger_relieved, smaller_relieved;
+  logic is_weak;
+  logic [10:0] divisor;
+  logic [9:0] difference;
+  logic [3:0] steps;
+  function automatic logic [9:0] relief_of(input logic [9:0] larger, input logic [7:0] relief);
+    logic [12:0] five;
+    five = 13'(larger) * 13'd5;
+    return five[12:4] < 9'(relief) ? 10'(five[12:4]) : 10'(relief);
+  endfunction
+  wire [9:0] relief_now = relief_of(larger, relief);
+  always_comb begin
+    steps = '0;
+    for (int half = 1; half < 16; half += 2)
+      steps += 4'(16'(difference) * 16'd16 >= 16'(divisor) * 16'(half) && divisor != 0);
+  end
+  always_ff @(posedge clk) begin
+    made <= rst_n ? {made[4:0], done} : '0;
+    for (int i = 1; i < 6; i++) begin
+      pixel_s[i] <= pixel_s[i-1];
+      index_s[i] <= index_s[i-1];
+      margin_s[i] <= margin_s[i-1];
+      has_s[i] <= has_s[i-1];
+    end
+    pixel_s[0] <= picked_pixel;
+    index_s[0] <= picked_index;
+    margin_s[0] <= (second == '1 ? 15'h7fff : 15'(second)) - 15'(picked[15:6]);
+    has_s[0] <= has_both;
+    rise_before <= sum_before - picked[15:6];
+    rise_after <= sum_after - picked[15:6];
+    is_negative[1] <= rise_before < rise_after;
+    larger <= rise_before < rise_after ? rise_after : rise_before;
+    smaller <= rise_before < rise_after ? rise_before : rise_after;
+    is_negative[2] <= is_negative[1];
+    larger_relieved <= larger - relief_now;
+    smaller_relieved <= smaller > relief_now ? smaller - relief_now : '0;
+    is_weak <= larger < lines_min;
+    is_negative[3] <= is_negative[2];
+    divisor <= 11'(larger_relieved) + (is_weak ? 11'(smaller_relieved) : '0);
+    difference <= larger_relieved - smaller_relieved;
+    is_negative[4] <= is_negative[3];
+    best_write <= made[3];
+    best_at <= pixel_s[3];
+    best <= index_s[3];
+    margin <= margin_s[3];
+    step_q4 <= !has_s[3] ? '0 : is_negative[3] ? -5'(steps) : 5'(steps);
+  end
+  assign busy = valid || ends || left != 0 || other_write || valid_1 || chosen || scans || scanned || done
+      || made != '0 || best_write;
+endmodule

@@ -1,0 +1,177 @@
+//! The board: two camera ports, a matcher, and a host at the serial port.
+//!
+//! The host writes a [`Request`] for some frames into the image that the block RAM is loaded with ([`REQUEST`]). The
+//! board sends the frames, and at their end the counters of the session and the cycles of each stage.
+
+use core::fmt::Write;
+
+use vgstereo_core::{Config, Kernels, Matcher, Preset};
+use vgstereo_emulated::meter::{Meter, Metered, Stage};
+use vgstereo_emulated::stack::Stack;
+use vgstereo_emulated::{Report, Request};
+use vgstereo_firmware::session::{self, ATTEMPT_FRAMES};
+use vgstereo_firmware::{Event, Session, Watchdog};
+
+use crate::camera::Dvp;
+use crate::clock::{Cycles, Timer};
+use crate::registers::LEDS;
+use crate::sink::{PACKET_BYTES, Sender};
+use crate::uart::SerialPort;
+
+/// The preset that this firmware is for: there is no room for all of them.
+const PRESET: Preset = Preset::Lite;
+
+/// Bytes of memory lent to session and matcher.
+const LENT_BYTES: usize = 50 * 1024;
+
+#[unsafe(export_name = "lent_memory")]
+static mut MEMORY: [u32; LENT_BYTES / 4] = [0; LENT_BYTES / 4];
+
+static mut PACKET: [u8; PACKET_BYTES] = [0; PACKET_BYTES];
+
+/// The request, as text that ends with a zero. Whoever loads the image writes it here.
+#[unsafe(export_name = "request")]
+static REQUEST: [u8; 512] = [0; 512];
+
+// What the LEDs show.
+const LEDS_RUNNING: u32 = 0x01;
+const LEDS_FAILED: u32 = 0xff;
+
+/// Kernels of a program for this board.
+pub(crate) trait BoardKernels: Kernels {
+    /// Whether they have room for rows of so many pixels and disparities.
+    fn fit(&self, width: usize, disparities: usize) -> bool;
+}
+
+/// Serves the request with these kernels, and then waits for ever.
+pub(crate) fn run(kernels: impl BoardKernels) -> ! {
+    // SAFETY: it runs on the main stack, there is no heap, and no interrupt is enabled.
+    let stack = unsafe { Stack::paint_main() };
+    LEDS.write(LEDS_RUNNING);
+    let (memory, packet) = (&raw mut MEMORY, &raw mut PACKET);
+    // SAFETY: this is the only place that takes them, and it is reached once.
+    let (memory, packet) = unsafe { (&mut *memory, &mut *packet) };
+    let meter = Meter::new(Cycles);
+    let mut sender = Sender::new(SerialPort::new(), packet, &meter);
+    let mut watchdog = Timer::start();
+    let written = match serve(kernels, &mut sender, &mut watchdog, &meter, memory) {
+        Ok(report) => {
+            let stack_bytes = stack.worst_bytes() as u32;
+            let report = Report {
+                stack_bytes,
+                ..report
+            };
+            write!(sender.text(), "{report}")
+        }
+        Err(Refusal(reason)) => writeln!(sender.text(), "error {reason}"),
+    };
+    if written.is_err() {
+        fail();
+    }
+    loop {
+        watchdog.feed();
+    }
+}
+
+/// Reason for which a request is not served.
+#[derive(Clone, Copy)]
+struct Refusal(&'static str);
+
+/// Matches the frames of the request. Not inlined, so that what is only there before frames are matched
+/// does not take stack then.
+#[inline(never)]
+fn serve(
+    kernels: impl BoardKernels,
+    sender: &mut Sender<'_, SerialPort, Cycles>,
+    watchdog: &mut Timer,
+    meter: &Meter<Cycles>,
+    memory: &'static mut [u32],
+) -> Result<Report, Refusal> {
+    let request = read_request().ok_or(Refusal("the image has no request"))?;
+    if request.is_live || request.calibration.is_some() || request.scan.is_some() {
+        return Err(Refusal("this board has neither link, calibration nor scan"));
+    }
+    let camera = Dvp::start(request.geometry);
+    let camera = camera.ok_or(Refusal(
+        "the camera's lines are not of this format or length",
+    ))?;
+    let (lines, memory) = memory
+        .split_at_mut_checked(session::memory_words(&request.geometry))
+        .ok_or(Refusal("the lines do not fit the lent memory"))?;
+    if request.preset != PRESET || request.hamming_alone {
+        return Err(Refusal("this board is built for lite alone"));
+    }
+    let disparities = request.disparities.count.into();
+    if !kernels.fit(request.width().into(), disparities) {
+        return Err(Refusal("the stereo unit has no room for such rows"));
+    }
+    let kernels = Metered::new(kernels, meter);
+    let camera = Metered::new(camera, meter);
+    let matcher = matcher(&request, kernels, memory)?;
+    let session = Session::with_watchdog(camera, matcher, sender, lines, watchdog);
+    let mut session = session.map_err(|_| Refusal("the session refuses the camera"))?;
+    let reads = request.frames.saturating_mul(ATTEMPT_FRAMES);
+    let reads = reads.saturating_mul(request.geometry.height);
+    let mut frames = 0;
+    for _ in 0..reads {
+        if frames == request.frames {
+            break;
+        }
+        let event = meter.measure(Stage::ChecksAndRest, || session.step());
+        let Ok(event) = event;
+        frames += u32::from(matches!(event, Event::FrameDone { .. }));
+    }
+    Ok(Report {
+        statistics: session.statistics(),
+        instructions: meter.instructions(),
+        working_bytes: request.working_bytes() as u32,
+        stack_bytes: 0,
+    })
+}
+
+/// Builds the matcher. Not inlined, so that its stack is free again while frames are matched.
+#[inline(never)]
+fn matcher<'m, K: Kernels>(
+    request: &Request,
+    kernels: K,
+    memory: &'m mut [u32],
+) -> Result<Matcher<'m, K>, Refusal> {
+    // Of the preset that is known here: the code of others is left out.
+    let config = Config {
+        colour: false,
+        ..Config::new(PRESET.parameters(), request.width(), request.disparities)
+    };
+    let matcher = Matcher::new(&config, kernels, memory);
+    matcher.map_err(|_| Refusal("the matcher refuses the configuration"))
+}
+
+/// Reads the request. Not inlined, so that its stack is free again while frames are matched.
+#[inline(never)]
+fn read_request() -> Option<Request> {
+    let mut bytes = [0; 512];
+    for (byte, place) in bytes.iter_mut().zip(&REQUEST) {
+        // SAFETY: it is a reference. The compiler must not take the bytes for those that it has seen.
+        *byte = unsafe { core::ptr::from_ref(place).read_volatile() };
+    }
+    let text = core::ffi::CStr::from_bytes_until_nul(&bytes).ok()?;
+    text.to_str().ok()?.parse().ok()
+}
+
+/// Shows that the board has failed. The watchdog restarts it.
+fn fail() -> ! {
+    LEDS.write(LEDS_FAILED);
+    loop {
+        riscv::asm::nop();
+    }
+}
+
+#[panic_handler]
+fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
+    fail()
+}
+
+/// The handler of exceptions of the processor, such as an access that is not aligned: the board has failed.
+#[unsafe(no_mangle)]
+extern "C" fn ExceptionHandler(_: &riscv_rt::TrapFrame) -> ! {
+    fail()
+}

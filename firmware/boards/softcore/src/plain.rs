@@ -1,0 +1,18 @@
+//! Firmware of the soft core without a stereo unit: all kernels are code.
+#![no_std]
+#![no_main]
+
+mod board;
+mod camera;
+mod clock;
+mod kernels;
+mod registers;
+mod sink;
+mod uart;
+
+use riscv_rt::entry;
+
+#[entry]
+fn main() -> ! {
+    board::run(kernels::LiteKernels)
+}
