@@ -389,7 +389,7 @@ mod tests {
     /// The lines of a scene that shifts, which has texture, plain parts and noise.
     fn lines(y: u32) -> [[u8; 72]; 2] {
         let level = |x: u32, noise: u32| {
-            let texture = (x * 7919 + y * 104_729) * 31 >> 3;
+            let texture = ((x * 7919 + y * 104_729) * 31) >> 3;
             let plain = 40 + y;
             let base = if (x / 12 + y / 6).is_multiple_of(3) {
                 plain
