@@ -785,6 +785,18 @@ impl CostCase {
 }
 
 impl CostCase {
+    /// Bounds the costs, as a configuration does that leaves room for penalties.
+    fn bound(&mut self, cost_max: u8) {
+        self.hamming_truncation = self.hamming_truncation.min(cost_max);
+        for truncation in &mut self.truncations {
+            *truncation = self.hamming_truncation.min(*truncation);
+        }
+        let rest = u16::from(cost_max - self.hamming_truncation) * 16;
+        let weight_max = rest / u16::from(self.difference_truncation.max(1));
+        let weight = weight_max.min(self.difference_weight_q4.into());
+        self.difference_weight_q4 = weight as u8;
+    }
+
     /// `count` pixels from pixel `first` of the run on.
     fn part(&self, first: usize, count: usize) -> CostRun<'_> {
         CostRun {
@@ -943,6 +955,7 @@ impl RowsCase {
         };
         for _ in 0..rows {
             let mut costs = CostCase::random(random, width, disparities, bytes, 1);
+            costs.bound(cost_max);
             costs.masks = None;
             costs.start = 0;
             costs.inputs = OwnPlanes::alike(random, width, bytes);
