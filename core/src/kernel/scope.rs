@@ -7,7 +7,7 @@ use crate::forward_kernels;
 
 /// Configurations that a matcher is compiled for: those that ask for nothing else.
 ///
-/// A matcher takes it from its kernel set ([`Kernels::SCOPE`](super::Kernels::SCOPE)) and refuses every other
+/// A matcher takes it from its kernel set ([`Kernels::SCOPE`]) and refuses every other
 /// configuration. As it is a constant, the compiler leaves out the code of what it excludes, the kernels included.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
