@@ -187,6 +187,8 @@ fn alone_in_less_flash(board: &Board) -> Result<(), Failed> {
         assert!(flash_bytes <= kib * 1024, "{preset}: {flash_bytes} bytes");
         let panics = panics::of_pipeline(&firmware).map_err(text)?;
         assert!(panics.is_empty(), "{}", panics.join("\n"));
+        let request = pair.request(preset, 2, &[]).map_err(text)?;
+        assert!(alone.is_built_for(&request), "{preset}");
         for other in Preset::ALL {
             let request = pair.request(other, 2, &[]).map_err(text)?;
             let ran = emulator::run(&alone, &firmware, &pair, &request, Clock::Host);

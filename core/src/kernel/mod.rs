@@ -311,6 +311,8 @@ macro_rules! forward_kernels {
     };
 }
 
+pub(crate) use forward_kernels;
+
 /// Writes the method of one kernel for [`forward_kernels!`](crate::forward_kernels).
 #[doc(hidden)]
 #[macro_export]

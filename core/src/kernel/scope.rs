@@ -2,8 +2,7 @@
 
 use core::marker::PhantomData;
 
-use super::Kernels;
-use crate::forward_kernels;
+use super::{Kernels, forward_kernels};
 
 /// Configurations that a matcher is compiled for: those that ask for nothing else.
 ///

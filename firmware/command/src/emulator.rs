@@ -196,6 +196,10 @@ pub fn run_logged(
     );
     frames.disparities.truncate(2 * pixels);
     frames.confidences.truncate(pixels);
-    let log = log::lines(firmware, &read(LOG_FILE)?)?;
+    // Built for one preset, it logs nothing.
+    let log = match board.alone {
+        Some(_) => Vec::new(),
+        None => log::lines(firmware, &read(LOG_FILE)?)?,
+    };
     Ok((frames, report, log))
 }
