@@ -174,7 +174,7 @@ fn same_bytes_of_raw_lines(board: &Board) -> Result<(), Failed> {
 /// A board that is built for one preset has the host's bytes of that and refuses others, without panics, in less
 /// flash.
 fn alone_in_less_flash(board: &Board) -> Result<(), Failed> {
-    let pair = Pair::rendered(64, 40, ALONE_DISPARITIES);
+    let pair = Pair::rendered(320, 40, ALONE_DISPARITIES);
     for &preset in board.alone_presets {
         let alone = board.alone(preset)?;
         let firmware = build(&alone).map_err(text)?;
@@ -201,11 +201,11 @@ fn alone_in_less_flash(board: &Board) -> Result<(), Failed> {
             let (expected, statistics) = host::run(&pair, &request).map_err(text)?;
             assert_eq!(report.statistics, statistics, "{preset}");
             assert_eq!(
-                host::first_difference(&frames, &expected, 64),
+                host::first_difference(&frames, &expected, 320),
                 None,
                 "{preset}"
             );
-            assert_eq!(frames.confidences.len(), 2 * 64 * 40, "two frames");
+            assert_eq!(frames.confidences.len(), 2 * 320 * 40, "two frames");
         }
     }
     Ok(())
