@@ -5,52 +5,44 @@ use vgstereo_core::{
     Config, DisparityRange, Kernels, Matcher, Only, Preset, Scope, Scoped, presets,
 };
 use vgstereo_firmware::camera::{Geometry, LinePairSource, PixelFormat};
-use vgstereo_firmware::session::{ATTEMPT_FRAMES, memory_words};
+use vgstereo_firmware::session::memory_words;
 use vgstereo_firmware::watchdog::NoWatchdog;
-use vgstereo_firmware::{DisparitySink, Event, Session};
+use vgstereo_firmware::{DisparitySink, Session};
 
 use crate::board::{Board, Refusal, of_command_line, report};
 use crate::camera::FileCamera;
-use crate::meter::{Counter, Meter, Metered, Stage};
+use crate::meter::{Counter, Meter, Metered};
 use crate::report::Report;
 use crate::request::ALONE_DISPARITIES;
 use crate::sink::FileSink;
+use crate::task::Task;
 use crate::{CONFIDENCES_FILE, DISPARITIES_FILE, LINES_FILE};
 
-/// The preset that a board is built for, with [`ALONE_DISPARITIES`] and lines of grey that are rectified.
-pub trait Built: Scoped {
-    /// The preset.
-    const PRESET: Preset;
-}
+/// The preset that the board is built for.
+const PRESET: Preset = if cfg!(feature = "lite") {
+    Preset::Lite
+} else {
+    Preset::Micro
+};
 
-/// Writes a type that is built for a preset.
-macro_rules! built {
-    ($($preset:ident),+) => {
-        $(
-            #[doc = concat!("Built for [`Preset::", stringify!($preset), "`].")]
-            #[derive(Debug, Clone, Copy)]
-            pub struct $preset;
+/// What the board is built for: [`PRESET`], with [`ALONE_DISPARITIES`] and lines of grey that are rectified.
+#[derive(Debug, Clone, Copy)]
+struct Built;
 
-            impl Built for $preset {
-                const PRESET: Preset = Preset::$preset;
-            }
-
-            impl Scoped for $preset {
-                const SCOPE: Scope = Scope {
-                    drawn: presets::$preset::SCOPE.drawn,
-                    ..config::<Self>(1).scope()
-                };
-            }
-        )+
+impl Scoped for Built {
+    const SCOPE: Scope = Scope {
+        drawn: match PRESET {
+            Preset::Lite => presets::Lite::SCOPE.drawn,
+            _ => presets::Micro::SCOPE.drawn,
+        },
+        ..config(1).scope()
     };
 }
 
-built!(Lite, Micro);
-
 /// The configuration for lines of this width.
-const fn config<B: Built>(width: u16) -> Config {
+const fn config(width: u16) -> Config {
     let disparities = DisparityRange::up_to(ALONE_DISPARITIES - 1);
-    Config::new(B::PRESET.parameters(), width, disparities)
+    Config::new(PRESET.parameters(), width, disparities)
 }
 
 /// Frames to match.
@@ -61,8 +53,9 @@ struct Frames {
 }
 
 impl Frames {
-    /// Reads the words of a [`Request`](crate::Request); `None` if it asks for something else than `B` is built for.
-    fn read<B: Built>(words: &str) -> Option<Self> {
+    /// Reads the words of a [`Request`](crate::Request); `None` if it asks for something else than the board
+    /// is built for.
+    fn read(words: &str) -> Option<Self> {
         let mut frames = Self {
             width: 0,
             height: 0,
@@ -76,7 +69,7 @@ impl Frames {
                 "height" => frames.height = number()?,
                 "frames" => frames.count = number()?,
                 "disparities" if number()? == ALONE_DISPARITIES.into() => {}
-                "preset" if text == B::PRESET.name() => {}
+                "preset" if text == PRESET.name() => {}
                 "pixels" if text == "grey8" => {}
                 "minimum" if text == "0" => {}
                 _ => return None,
@@ -94,22 +87,23 @@ impl Frames {
     }
 }
 
-/// As [`run`](crate::run::run), for a board that is built for `B`, and refuses all other requests.
-pub fn run<B: Built, C: Counter, U, K: Kernels>(_: B, board: Board<C, U, K>) -> ! {
-    report(board.stack, || serve::<B, _, _, _>(board))
+/// Serves the request on the command line if it is one that the board is built for, writes the report, and ends the
+/// emulation.
+pub fn run<C: Counter, U, K: Kernels>(board: Board<C, U, K>) -> ! {
+    report(board.stack, || serve(board))
 }
 
 /// Not inlined, so that what is only there before frames are matched does not take stack then.
 #[inline(never)]
-fn serve<B: Built, C: Counter, U, K: Kernels>(board: Board<C, U, K>) -> Result<Report, Refusal> {
-    let frames = of_command_line(Frames::read::<B>);
+fn serve<C: Counter, U, K: Kernels>(board: Board<C, U, K>) -> Result<Report, Refusal> {
+    let frames = of_command_line(Frames::read);
     let frames = frames.ok_or(Refusal("the board is not built for this request"))?;
     let geometry = frames.geometry().ok_or(Refusal("the lines are too wide"))?;
-    let config = config::<B>(geometry.width);
+    let config = config(geometry.width);
     let words = memory_words(&geometry);
     let working_bytes = (words + config.memory_words()) * size_of::<u32>();
     let meter = Meter::new(board.counter);
-    let kernels = Metered::new(Only::<K, B>::new(board.kernels), &meter);
+    let kernels = Metered::new(Only::<K, Built>::new(board.kernels), &meter);
     let (lines, memory) = board
         .memory
         .split_at_mut_checked(words)
@@ -130,16 +124,13 @@ fn serve<B: Built, C: Counter, U, K: Kernels>(board: Board<C, U, K>) -> Result<R
         Err(refusal) => return Err(*refusal),
     };
 
-    let reads = frames.count.saturating_mul(ATTEMPT_FRAMES * frames.height);
-    let mut done = 0;
-    for _ in 0..reads {
-        if done == frames.count {
-            break;
-        }
-        let event = meter.measure(Stage::ChecksAndRest, || session.step());
-        let event = event.map_err(|_| Refusal("the sink failed"))?;
-        done += u32::from(matches!(event, Event::FrameDone { .. }));
-    }
+    let task = Task {
+        frames: frames.count,
+        faults: 0,
+        height: frames.height,
+    };
+    let matched = task.run(session, &meter, |_, _| {});
+    matched.map_err(|_| Refusal("the sink failed"))?;
     Ok(Report {
         statistics: session.statistics(),
         instructions: meter.instructions(),

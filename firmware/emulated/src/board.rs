@@ -54,7 +54,8 @@ pub(crate) fn report(stack: Stack, serve: impl FnOnce() -> Result<Report, Refusa
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Refusal(pub(crate) &'static str);
 
-/// What `read` makes of the words of the command line.
+/// Returns what `read` makes of the command line without the name of the program; `None` if there is no command line, or
+/// `read` returns `None`.
 pub(crate) fn of_command_line<R>(read: impl FnOnce(&str) -> Option<R>) -> Option<R> {
     let mut buffer = [MaybeUninit::uninit(); COMMAND_LINE_BYTES];
     let words = sys_get_cmdline_uninit(&mut buffer).ok()?;

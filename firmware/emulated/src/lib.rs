@@ -1,11 +1,11 @@
 //! Code shared by the emulated boards: a session between files of the host.
 //!
-//! A board supplies a counter of instructions, memory to lend and the bounds of its stack. `run`
+//! A board supplies a counter of instructions, memory to lend and the bounds of its stack. `serve`
 //! does the rest: it parses a [`Request`] from the command line, matches frames whose lines are
 //! read from a file pair by pair, writes the disparities and confidences to files, logs each frame
 //! with defmt on standard output, and writes a [`Report`]. The host writes the file of lines and
-//! reads the others. `camera`, `cmsdk`, `run`, `sink` and `stack` are built for chips only, and what reads and
-//! writes files only with the feature `semihosting`.
+//! reads the others. `alone`, `board`, `camera`, `cmsdk`, `run`, `sink` and `stack` are built for
+//! chips only, and what reads and writes files only with the feature `semihosting`.
 #![no_std]
 
 #[cfg(test)]
@@ -19,6 +19,7 @@ pub mod meter;
 pub mod report;
 pub mod request;
 pub mod serial;
+pub mod task;
 
 #[cfg(all(target_os = "none", feature = "semihosting"))]
 pub mod alone;
@@ -36,6 +37,11 @@ pub mod run;
 pub mod sink;
 #[cfg(target_os = "none")]
 pub mod stack;
+
+#[cfg(all(target_os = "none", feature = "semihosting", not(feature = "complete")))]
+pub use alone::run as serve;
+#[cfg(all(target_os = "none", feature = "complete"))]
+pub use run::run as serve;
 
 pub use report::Report;
 pub use request::Request;

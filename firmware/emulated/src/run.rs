@@ -7,20 +7,21 @@ use vgstereo_core::rows::Arena;
 use vgstereo_core::{Kernels, Matcher};
 use vgstereo_firmware::camera::LinePairSource;
 use vgstereo_firmware::scripted::FaultyCamera;
-use vgstereo_firmware::session::{self, ATTEMPT_FRAMES};
+use vgstereo_firmware::session;
 use vgstereo_firmware::sink::{BothSinks, ScanningSink};
 use vgstereo_firmware::watchdog::NoWatchdog;
-use vgstereo_firmware::{DisparitySink, Event, Session, Statistics};
+use vgstereo_firmware::{DisparitySink, Session, Statistics};
 
 use crate::board::{Board, Refusal, of_command_line, report};
 use crate::camera::{self, FileCamera};
 use crate::live;
 use crate::memory;
-use crate::meter::{Counter, Meter, Metered, Stage};
+use crate::meter::{Counter, Meter, Metered};
 use crate::report::Report;
 use crate::request::Request;
 use crate::serial::Uart;
 use crate::sink::{FileSink, PacketSink, ScanFile};
+use crate::task::Task;
 use crate::{CALIBRATION_FILE, CONFIDENCES_FILE, DISPARITIES_FILE, LINES_FILE, SCANS_FILE};
 
 /// Serves the request on the command line, writes the report, and ends the emulation. A board that is
@@ -129,19 +130,13 @@ fn with_files<C: Counter, K: Kernels>(
         Err(refusal) => return Err(*refusal),
     };
 
-    let reads = request.frames.saturating_add(request.faults.len() as u32);
-    let reads = reads.saturating_mul(ATTEMPT_FRAMES * request.geometry.height);
-    let mut frames = 0;
-    for _ in 0..reads {
-        if frames == request.frames {
-            break;
-        }
-        let event = meter.measure(Stage::ChecksAndRest, || session.step());
-        if let Event::FrameDone { frame } = event.map_err(|_| Refusal("the sink failed"))? {
-            frames += 1;
-            log_frame(frame, session.statistics());
-        }
-    }
+    let task = Task {
+        frames: request.frames,
+        faults: request.faults.len() as u32,
+        height: request.geometry.height,
+    };
+    let matched = task.run(session, meter, log_frame);
+    matched.map_err(|_| Refusal("the sink failed"))?;
     Ok(Report {
         statistics: session.statistics(),
         instructions: meter.instructions(),
@@ -150,8 +145,8 @@ fn with_files<C: Counter, K: Kernels>(
     })
 }
 
-/// Builds the session, with the matcher if it was built. Not inlined, so that its stack, through which the matcher is moved, is free again while
-/// frames are matched.
+/// Builds the session, with the matcher if it was built. Not inlined, so that its stack, through which the matcher is
+/// moved, is free again while frames are matched.
 #[inline(never)]
 fn session<'m, C: LinePairSource, K: Kernels, S: DisparitySink>(
     camera: C,

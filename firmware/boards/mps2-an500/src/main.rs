@@ -6,13 +6,10 @@
 use cortex_m as _;
 use cortex_m_rt::entry;
 use static_cell::ConstStaticCell;
-#[cfg(not(feature = "complete"))]
-use vgstereo_emulated::alone;
 use vgstereo_emulated::board::Board;
 use vgstereo_emulated::cmsdk::CmsdkUart;
 use vgstereo_emulated::meter::Counter;
-#[cfg(feature = "complete")]
-use vgstereo_emulated::run::run;
+use vgstereo_emulated::serve;
 use vgstereo_emulated::stack::Stack;
 use vgstereo_kernels::Armv7em;
 
@@ -55,7 +52,7 @@ impl Counter for Timer0 {
 fn main() -> ! {
     // SAFETY: there is no heap, and no interrupt is enabled.
     let stack = unsafe { Stack::paint_main() };
-    let board = Board {
+    serve(Board {
         name: env!("CARGO_PKG_NAME"),
         counter: Timer0::start(),
         // SAFETY: this is UART 0, which nothing else uses.
@@ -63,11 +60,5 @@ fn main() -> ! {
         kernels: Armv7em,
         memory: MEMORY.take(),
         stack,
-    };
-    #[cfg(feature = "complete")]
-    run(board);
-    #[cfg(all(feature = "lite", not(feature = "complete")))]
-    alone::run(alone::Lite, board);
-    #[cfg(all(feature = "micro", not(feature = "complete")))]
-    alone::run(alone::Micro, board)
+    })
 }

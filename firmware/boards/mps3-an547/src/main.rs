@@ -9,7 +9,7 @@ use static_cell::ConstStaticCell;
 use vgstereo_emulated::board::Board;
 use vgstereo_emulated::cmsdk::CmsdkUart;
 use vgstereo_emulated::meter::Counter;
-use vgstereo_emulated::run::run;
+use vgstereo_emulated::serve;
 use vgstereo_emulated::stack::Stack;
 use vgstereo_kernels::Helium;
 
@@ -48,7 +48,7 @@ impl Counter for SystemCounter {
 fn main() -> ! {
     // SAFETY: there is no heap, and no interrupt is enabled.
     let stack = unsafe { Stack::paint_main() };
-    run(Board {
+    serve(Board {
         name: env!("CARGO_PKG_NAME"),
         counter: SystemCounter::start(),
         // SAFETY: this is UART 0, which nothing else uses.

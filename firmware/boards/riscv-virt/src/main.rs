@@ -10,7 +10,7 @@ use static_cell::ConstStaticCell;
 use uart::Ns16550a;
 use vgstereo_emulated::board::Board;
 use vgstereo_emulated::meter::Counter;
-use vgstereo_emulated::run::run;
+use vgstereo_emulated::serve;
 use vgstereo_emulated::stack::Stack;
 use vgstereo_kernels::Rv32;
 
@@ -35,7 +35,7 @@ impl Counter for Retired {
 fn main() -> ! {
     // SAFETY: it runs on the main stack, there is no heap, and no interrupt is enabled.
     let stack = unsafe { Stack::paint_main() };
-    run(Board {
+    serve(Board {
         name: env!("CARGO_PKG_NAME"),
         counter: Retired,
         uart: Ns16550a::start(),

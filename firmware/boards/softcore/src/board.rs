@@ -6,11 +6,12 @@
 use core::fmt::Write;
 
 use vgstereo_core::{Config, Kernels, Matcher, Preset};
-use vgstereo_emulated::meter::{Meter, Metered, Stage};
+use vgstereo_emulated::meter::{Meter, Metered};
 use vgstereo_emulated::stack::Stack;
+use vgstereo_emulated::task::Task;
 use vgstereo_emulated::{Report, Request};
-use vgstereo_firmware::session::{self, ATTEMPT_FRAMES};
-use vgstereo_firmware::{Event, Session, Watchdog};
+use vgstereo_firmware::session;
+use vgstereo_firmware::{Session, Watchdog};
 
 use crate::camera::Dvp;
 use crate::clock::{Cycles, Timer};
@@ -110,17 +111,12 @@ fn serve(
     let matcher = matcher(&request, kernels, memory)?;
     let session = Session::with_watchdog(camera, matcher, sender, lines, watchdog);
     let mut session = session.map_err(|_| Refusal("the session refuses the camera"))?;
-    let reads = request.frames.saturating_mul(ATTEMPT_FRAMES);
-    let reads = reads.saturating_mul(request.geometry.height);
-    let mut frames = 0;
-    for _ in 0..reads {
-        if frames == request.frames {
-            break;
-        }
-        let event = meter.measure(Stage::ChecksAndRest, || session.step());
-        let Ok(event) = event;
-        frames += u32::from(matches!(event, Event::FrameDone { .. }));
-    }
+    let task = Task {
+        frames: request.frames,
+        faults: 0,
+        height: request.geometry.height,
+    };
+    let Ok(()) = task.run(&mut session, meter, |_, _| {});
     Ok(Report {
         statistics: session.statistics(),
         instructions: meter.instructions(),

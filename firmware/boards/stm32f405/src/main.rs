@@ -9,12 +9,9 @@ use cortex_m as _;
 use cortex_m_rt::entry;
 use static_cell::ConstStaticCell;
 use usart::Usart1;
-#[cfg(not(feature = "complete"))]
-use vgstereo_emulated::alone;
 use vgstereo_emulated::board::Board;
 use vgstereo_emulated::meter::Counter;
-#[cfg(feature = "complete")]
-use vgstereo_emulated::run::run;
+use vgstereo_emulated::serve;
 use vgstereo_emulated::stack::Stack;
 use vgstereo_kernels::Armv7em;
 
@@ -61,18 +58,12 @@ impl Counter for Timer2 {
 fn main() -> ! {
     // SAFETY: there is no heap, and no interrupt is enabled.
     let stack = unsafe { Stack::paint_main() };
-    let board = Board {
+    serve(Board {
         name: env!("CARGO_PKG_NAME"),
         counter: Timer2::start(),
         uart: Usart1::start(),
         kernels: Armv7em,
         memory: MEMORY.take(),
         stack,
-    };
-    #[cfg(feature = "complete")]
-    run(board);
-    #[cfg(all(feature = "lite", not(feature = "complete")))]
-    alone::run(alone::Lite, board);
-    #[cfg(all(feature = "micro", not(feature = "complete")))]
-    alone::run(alone::Micro, board)
+    })
 }
