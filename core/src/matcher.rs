@@ -428,7 +428,8 @@ mod tests {
         (synapses, disparities_q4, confidences)
     }
 
-    /// What a program leaves out, the presets that it has do not miss; others are refused.
+    /// A matcher in the scope of a preset has that preset's synapses, disparities and confidences, and refuses presets
+    /// with another scope.
     #[test]
     fn in_its_scope_alone_a_preset_is_what_it_is_among_all() {
         fn compare<S: Scoped>(_: S, own: Preset) {

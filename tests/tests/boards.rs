@@ -10,7 +10,9 @@
 use libtest_mimic::{Arguments, Failed, Trial};
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
-use vgstereo_boards::board::{ALONE_DISPARITIES, Board, MPS2_AN500, MPS3_AN547, STM32F405};
+use vgstereo_boards::board::{
+    ALONE_DISPARITIES, Board, MPS2_AN500, MPS3_AN547, STM32F405, UNIT_LANES,
+};
 use vgstereo_boards::build::{build, build_suite};
 use vgstereo_boards::elf::Sizes;
 use vgstereo_boards::emulator::{self, Clock};
@@ -70,7 +72,8 @@ const MODEL_TESTS: [(&str, BoardTest, bool); 7] = [
     ("hung_bus", restarts_when_a_bus_hangs, true),
 ];
 
-/// Tests of each board in RTL, with its stereo unit and without, and whether each runs it: then it is ignored if the RTL cannot be simulated.
+/// Tests of each board in RTL, with its stereo unit and without, and whether each runs it: then it is ignored if the RTL
+/// cannot be simulated.
 const SIMULATION_TESTS: [(&str, BoardTest, bool); 5] = [
     ("unit", the_stereo_unit_equals_the_reference, true),
     ("panics", no_panic_in_the_pipeline, false),
@@ -396,7 +399,7 @@ fn within_its_block_ram(board: &Board) -> Result<(), Failed> {
 /// Random tasks for the stereo unit alone, with as many costs in a cycle as it is built for.
 fn the_stereo_unit_equals_the_reference(board: &Board) -> Result<(), Failed> {
     const TASKS: u64 = 40;
-    for lanes in [8, 16, 32] {
+    for lanes in UNIT_LANES {
         let program = simulation::build_unit(board, lanes).map_err(text)?;
         let simulated = SimulatedUnit::start(&program).map_err(text)?;
         let unit = StereoUnit::new(&simulated);

@@ -284,15 +284,18 @@ impl Config {
     pub const fn validate_for<K: Kernels>(&self) -> Result<(), ConfigError> {
         let parameters = &self.parameters;
         let support_px = [parameters.support.x_px, parameters.support.y_px];
-        let is_drawn = match K::SCOPE.drawn {
-            Some(drawn) => drawn.is_of(parameters.sigmas_px, support_px, parameters.seed),
-            None => true,
+        // Stored synapses serve if they were drawn from these parameters.
+        let drawn = match K::SCOPE.drawn {
+            Some(drawn) if drawn.is_of(parameters.sigmas_px, support_px, parameters.seed) => {
+                Some(drawn)
+            }
+            _ => None,
         };
-        let any_drawn = Scope {
-            drawn: None,
-            ..K::SCOPE
+        let asked = Scope {
+            drawn,
+            ..self.scope()
         };
-        if !is_drawn || !any_drawn.contains(&self.scope()) {
+        if !K::SCOPE.contains(&asked) {
             return Err(ConfigError::Scope);
         }
         self.validate()

@@ -1,5 +1,5 @@
-//! References in little code: compiled once, and one disparity at a time. For a kernel set that hardly ever takes a reference, in a program
-//! for a small flash.
+//! References in little code: compiled once, and one disparity at a time. For a kernel set that hardly ever takes a
+//! reference, in a program for a small flash.
 
 use super::aggregate::{AggregateRow, aggregate_blocks};
 use super::cost::{CostRun, NO_COST, cost_block, cost_stride};

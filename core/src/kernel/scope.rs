@@ -1,4 +1,4 @@
-//! What a matcher asks of its kernel set at most, known when a program is built.
+//! Scopes: the configurations that a program is compiled for, as constants by which the compiler leaves out the rest.
 
 use core::marker::PhantomData;
 

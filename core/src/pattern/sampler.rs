@@ -34,7 +34,8 @@ impl<'m> Sampler<'m> {
     }
 
     /// Draws the synapses of `config`: the first half with the first sigma, then the second half
-    /// with the second; or takes those that the scope of the kernels `K` has. A row is given when the `lines_ahead` lines below it have come.
+    /// with the second; or takes those that the scope of the kernels `K` has. A row is given when the `lines_ahead`
+    /// lines below it have come.
     ///
     /// # Errors
     /// [`ConfigError`] when sigma or support are out of their range, or the arena has fewer than

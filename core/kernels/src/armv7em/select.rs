@@ -327,8 +327,8 @@ impl Subpixel {
         }
     }
 
-    /// Equals [`subpixel_step_q4`](vgstereo_core::kernel::subpixel_step_q4) bit for bit. A processor that divides in hardware takes less
-    /// time for one division than for the steps that replace it there.
+    /// Equals [`subpixel_step_q4`](vgstereo_core::kernel::subpixel_step_q4) bit for bit. A processor that divides in
+    /// hardware takes less time for one division than for the steps that replace it there.
     #[inline(always)]
     pub(crate) fn step_q4(&self, before: u32, after: u32) -> i32 {
         let (larger, smaller) = (before.max(after), before.min(after));
