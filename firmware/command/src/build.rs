@@ -72,6 +72,14 @@ const COMMON_PROFILE: [&str; 6] = [
     "profile.release.package.\"*\".debug=\"line-tables-only\"",
 ];
 
+/// What tells the compiler to make code quickly, whatever the profile says.
+const CODE_OF_NO_USE: [&str; 4] = [
+    "-Copt-level=0",
+    "-Cdebug-assertions=off",
+    "-Clto=off",
+    "-Clinker=true",
+];
+
 /// Lints the crate of a board and what it shares with other boards, and those shared crates whose code
 /// depends on the processor.
 ///
@@ -103,10 +111,8 @@ pub fn lint(board: &Board) -> Result<()> {
             .env("CLIPPY_ARGS", "-Dwarnings__CLIPPY_HACKERY__")
             .current_dir(package_folder(package));
         configure(&mut own, board, &toolchain, "release");
-        // Under the driver, more code is left in than this board has room for: it is not linked.
-        if board.simulation.is_some() {
-            own.args(["--", "-Clinker=true"]);
-        }
+        // Seen by clippy, the code is of no further use: it is not optimised, nor linked.
+        own.arg("--").args(CODE_OF_NO_USE);
         commands.push(own);
     }
     // What a board in RTL shares is seen alike by the emulated one with this instruction set.
@@ -184,6 +190,10 @@ fn configure(command: &mut Command, board: &Board, toolchain: &Toolchain, profil
     // Without a terminal, only warnings and errors are printed.
     if !std::io::stderr().is_terminal() {
         command.arg("--quiet");
+    }
+    // As the boards' folders have it: elsewhere, another level would have all that logs compiled anew.
+    if std::env::var_os("DEFMT_LOG").is_none() {
+        command.env("DEFMT_LOG", "info");
     }
     // Settings for builds of the host must not change those of the board.
     for variable in ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_BUILD_TARGET"] {
