@@ -269,6 +269,12 @@ impl Board {
         Self { simulation, ..self }
     }
 
+    /// Returns whether it is another board with further compiler flags.
+    #[must_use]
+    pub fn is_variant(&self) -> bool {
+        self.name != self.folder
+    }
+
     /// Returns all boards that are emulated.
     pub fn emulated() -> impl Iterator<Item = Self> {
         let all = Self::ALL.into_iter();

@@ -181,7 +181,13 @@ pub fn build(board: &Board) -> Result<PathBuf> {
 /// Fails when the board has no model, when no compiler is new enough or has no clippy, or when
 /// clippy finds something.
 pub fn lint(board: &Board) -> Result<()> {
-    let mut cargo = cargo(compiler(board)?, model(board)?, "rustc");
+    let compiler = compiler(board)?;
+    ensure!(
+        compiler.lints(),
+        "there is no clippy for the model of {}: rustup component add clippy, of the compiler that builds it",
+        board.name
+    );
+    let mut cargo = cargo(compiler, model(board)?, "rustc");
     cargo
         .env("RUSTC_WORKSPACE_WRAPPER", "clippy-driver")
         .args(["--", "-D", "warnings"]);

@@ -8,7 +8,7 @@ use vgstereo_sim::tables::table;
 
 use crate::build::{build, lint};
 use crate::model;
-use crate::toolchain::{ModelCompiler, ensure_complete, install, needs};
+use crate::toolchain::{ensure_complete, install, needs};
 use selection::{Alone, Selection};
 
 pub mod bench;
@@ -36,7 +36,7 @@ enum Verb {
     /// Build the firmware as it is released.
     Build(Build),
     /// Check the boards' crates with clippy; a warning is an error.
-    Lint(Selection),
+    Lint(Lint),
     /// Run a board on a pair of images and write its disparity map.
     Run(Box<run::Run>),
     /// Run a board that serves the link to hosts, until it is ended.
@@ -53,6 +53,15 @@ enum Verb {
 struct Build {
     #[command(flatten)]
     alone: Alone,
+    #[command(flatten)]
+    selection: Selection,
+}
+
+#[derive(Debug, Args)]
+struct Lint {
+    /// Check the models of the boards' chips as well, which takes minutes to build.
+    #[arg(long)]
+    models: bool,
     #[command(flatten)]
     selection: Selection,
 }
@@ -83,33 +92,31 @@ impl CommandLine {
                 }
                 Ok(text)
             }
-            Verb::Lint(selection) => {
-                let mut boards = selection.boards();
-                // Boards that differ only in compiler flags have one crate to lint.
-                boards.dedup_by_key(|board| board.folder);
-                let mut text = String::new();
-                for board in boards {
-                    lint(&board)?;
-                    text += &format!("{}: no warnings\n", board.name);
-                    if board.model.is_none() {
-                        continue;
-                    }
-                    text += &match ModelCompiler::find().filter(|compiler| compiler.lints()) {
-                        Some(_) => {
-                            model::lint(&board)?;
-                            format!("{}, the model: no warnings\n", board.name)
-                        }
-                        None => format!("{}, the model: no clippy for it\n", board.name),
-                    };
-                }
-                Ok(text)
-            }
+            Verb::Lint(lint) => lint.run(),
             Verb::Run(run) => run.run(),
             Verb::Live(live) => live.run(),
             Verb::Verify(verify) => verify.run(),
             Verb::Bench(bench) => bench.run(),
             Verb::Size(size) => size.run(),
         }
+    }
+}
+
+impl Lint {
+    fn run(self) -> Result<String> {
+        let mut boards = self.selection.boards();
+        // Boards that differ only in compiler flags have one crate to lint.
+        boards.dedup_by_key(|board| board.folder);
+        let mut text = String::new();
+        for board in boards {
+            lint(&board)?;
+            text += &format!("{}: no warnings\n", board.name);
+            if self.models && board.model.is_some() {
+                model::lint(&board)?;
+                text += &format!("{}, the model: no warnings\n", board.name);
+            }
+        }
+        Ok(text)
     }
 }
 
