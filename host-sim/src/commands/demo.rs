@@ -242,8 +242,15 @@ impl Demo {
         let table_text = format!(
             "built-in scene, {}x{} px, disparities 0 to {}, fed line by line\n\n{table}\n\
              bad pixels in percent, further than {THRESHOLD_PX} px from the truth; KiB of working\n\
-             memory, line buffers included, for any height; ms on one thread\n\n",
-            self.width, self.height, scene.d_max
+             memory, line buffers included, for any height; ms on one thread{}\n\n",
+            self.width,
+            self.height,
+            scene.d_max,
+            if cfg!(debug_assertions) {
+                ",\nseveral times those of a build with --release"
+            } else {
+                ""
+            }
         );
         let exact: Vec<i16> = truth
             .left_px
