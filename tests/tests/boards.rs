@@ -28,7 +28,7 @@ use vgstereo_firmware::camera::{ErrorKind, PixelFormat};
 use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
 use vgstereo_kernels::StereoUnit;
 use vgstereo_kernels::cases::{
-    Case, Median9Case, PackCase, RowsCase, SmoothCase, below, generator,
+    Case, ConvertCase, Median9Case, PackCase, PenaltyCase, RowsCase, SmoothCase, below, generator,
 };
 
 /// Limits of RAM: board, preset, columns, number of disparities, and KiB that statics, working
@@ -408,6 +408,8 @@ fn the_stereo_unit_equals_the_reference(board: &Board) -> Result<(), Failed> {
             let mut cells = PackCase::random(random, width);
             compare(&mut cells, unit, &task);
             compare(&mut SmoothCase::random(random, width, 0), unit, &task);
+            compare(&mut ConvertCase::random(random, width), unit, &task);
+            compare(&mut PenaltyCase::random(random, width), unit, &task);
             compare(&mut Median9Case::random(random, width), unit, &task);
             let disparities = 1 + below(random, 64);
             let width_max = (1..=160).rfind(|&width| unit.fits(width, disparities));

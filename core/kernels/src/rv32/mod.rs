@@ -1,21 +1,29 @@
 //! Kernels for RV32, with and without the Zbb extension.
 
 mod aggregate;
+mod check;
 mod cost;
 mod counted;
 mod group;
 #[allow(unsafe_code)]
 mod least;
 mod levels;
+#[cfg(all(
+    target_arch = "riscv32",
+    target_os = "none",
+    feature = "memory-functions"
+))]
+#[allow(unsafe_code)]
+mod memory;
 mod packed;
 mod select;
 
 use vgstereo_core::forward_kernels;
-use vgstereo_core::kernel::{AggregateRow, CostRun, Kernels, Portable};
+use vgstereo_core::kernel::{AggregateRow, CheckRow, CostRun, Kernels, Portable};
 
 use crate::armv7em::Armv7em;
 
-/// Kernel set for RV32: matching costs, path costs and selection of its own, the kernels of [`Armv7em`] that are
+/// Kernel set for RV32: matching costs, path costs, selection and checks of its own, the kernels of [`Armv7em`] that are
 /// faster even without byte SIMD, and the reference for all others.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Rv32;
@@ -37,8 +45,7 @@ impl Kernels for Rv32 {
     // dozen ordinary ones.
     forward_kernels!(set => &Armv7em; smooth_row, mask_block, arms_row, weighted_median_row);
     // The kernels of `Armv7em` were measured to be slower here, together and stage by stage.
-    forward_kernels!(set => &Portable; convert_row, pack_cells, penalty_row, rivals_row, check_row,
-        median9_row);
+    forward_kernels!(set => &Portable; convert_row, pack_cells, penalty_row, rivals_row, median9_row);
     // `Armv7em` has no kernels of its own for these.
     forward_kernels!(set => &Portable; luma_row, channel_row, recall_row);
     // `Armv7em` looks lines up and checks positions once per cell of knots, the reference for each
@@ -58,6 +65,11 @@ impl Kernels for Rv32 {
     #[inline]
     fn select_row(&self, row: &mut AggregateRow<'_>) {
         select::select_row(row);
+    }
+
+    #[inline]
+    fn check_row(&self, row: &CheckRow<'_>, found: &mut [i16], confidences: &mut [u8]) {
+        check::check_row(row, found, confidences);
     }
 
     #[inline]

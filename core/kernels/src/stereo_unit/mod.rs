@@ -8,7 +8,8 @@ mod window;
 
 use vgstereo_core::forward_kernels;
 use vgstereo_core::kernel::{
-    AggregateRow, CELLS_PER_BYTE, CostRun, Kernels, Planes, Portable, RivalsRow,
+    AggregateRow, CELLS_PER_BYTE, CostRun, Kernels, LevelConversion, Penalty, Planes, Portable,
+    RivalsRow,
 };
 
 pub use port::Port;
@@ -26,12 +27,18 @@ const PATHS: usize = 0x18;
 const RIVALS: usize = 0x1c;
 const FOUND: [usize; 2] = [0x20, 0x24];
 const SIZE: usize = 0x28;
+const PENALTY: usize = 0x2c;
+const GAIN: usize = 0x30;
+const OFFSET: usize = 0x34;
 // Commands.
 const MAKE_COSTS: u32 = 1;
 const FIND_RIVALS: u32 = 2;
 const MAKE_PATHS: u32 = 3;
 const SMOOTH: u32 = 4;
 const TAKE_MEDIANS: u32 = 5;
+const PENALISE: u32 = 6;
+const CONVERT_TO_LOWEST: u32 = 7;
+const CONVERT_TO_HIGHEST: u32 = 1 << 8 | CONVERT_TO_LOWEST;
 // Destinations of runs, of which planes and samples have several.
 const INPUTS: u32 = 0;
 const STORED: u32 = 4;
@@ -44,6 +51,7 @@ const P2_ALONG: u32 = 13;
 const P2_DOWN: u32 = 14;
 const SAMPLES: u32 = 16;
 const LEVEL_ROWS: [u32; 3] = [0, 1, 2];
+const NEIGHBOURS: u32 = 1;
 const DISPARITY_ROWS: [u32; 3] = [0, 2, 4];
 
 /// Bytes of the patterns that the unit compares.
@@ -53,8 +61,8 @@ const WIDTH_MAX: usize = 160;
 /// The largest bound between parabola and lines that the unit knows, larger than every rise.
 const LINES_MIN_MAX: u16 = 1023;
 
-/// Kernel set whose costs, path costs, selection, rivals, cells, smoothed levels and medians a stereo unit makes; all
-/// others are the reference.
+/// Kernel set whose costs, penalties, path costs, selection, rivals, cells, smoothed and converted levels and medians a
+/// stereo unit makes; all others are the reference.
 ///
 /// The unit is for patterns of 32 cells that all count, for one channel, and for rows that [`StereoUnit::fits`]. What
 /// is beyond that is not computed. Costs are not in memory, so that `aggregate_paths` and `select_row`, of which the
@@ -125,6 +133,18 @@ impl<P: Port> StereoUnit<P> {
         self.wait();
     }
 
+    /// Has a command make these bytes, of so many pixels.
+    #[inline(always)]
+    fn make_bytes(&self, command: u32, pixels: usize, bytes: &mut [u8]) {
+        if bytes.is_empty() {
+            return;
+        }
+        self.set_shape(pixels, 0);
+        let place = Window::place(bytes);
+        self.execute(place << 16 | command);
+        Window::Results.copy_bytes(self.port, place, bytes);
+    }
+
     fn set_shape(&self, pixels: usize, disparities: usize) {
         self.port
             .write(SHAPE, (disparities as u32) << 8 | pixels as u32);
@@ -134,8 +154,8 @@ impl<P: Port> StereoUnit<P> {
 impl<P: Port> Kernels for StereoUnit<P> {
     const FUSES_SELECTION: bool = true;
 
-    forward_kernels!(set => &Portable; luma_row, channel_row, convert_row, resample_row, recall_row, mask_block,
-        penalty_row, aggregate_paths, select_row, check_row, arms_row, weighted_median_row);
+    forward_kernels!(set => &Portable; luma_row, channel_row, resample_row, recall_row, mask_block, aggregate_paths,
+        select_row, check_row, arms_row, weighted_median_row);
 
     fn pack_cells(&self, samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {
         let common = samples.iter().fold(packed.len(), |n, row| n.min(row.len()));
@@ -150,6 +170,45 @@ impl<P: Port> Kernels for StereoUnit<P> {
             self.wait();
             Window::Results.copy_bytes(self.port, place, piece);
             start += piece.len();
+        }
+    }
+
+    fn convert_row(
+        &self,
+        conversion: &LevelConversion,
+        levels: &[u8],
+        low: &mut [u8],
+        high: &mut [u8],
+    ) {
+        let gain = u32::from(conversion.dead_zone) << 16 | conversion.gain_q12 as u32 & 0x7fff;
+        self.port.write(GAIN, gain);
+        self.port.write(OFFSET, conversion.offset_q12 as u32);
+        let pieces = low.chunks_mut(PIECE_PX).zip(high.chunks_mut(PIECE_PX));
+        for ((low, high), levels) in pieces.zip(levels.chunks(PIECE_PX)) {
+            let count = low.len().min(high.len()).min(levels.len());
+            self.queue(INPUTS, 0, part(levels, 0, count));
+            // The levels stay in the unit.
+            for (command, row) in [(CONVERT_TO_LOWEST, low), (CONVERT_TO_HIGHEST, high)] {
+                self.make_bytes(command, count, row.get_mut(..count).unwrap_or_default());
+            }
+        }
+    }
+
+    fn penalty_row(&self, penalty: &Penalty, own: &[u8], neighbours: &[u8], p2: &mut [u8]) {
+        let Penalty {
+            most,
+            floor,
+            adaptation_q4,
+            step_min,
+        } = *penalty;
+        let word = u32::from_le_bytes([most, floor, adaptation_q4, step_min]);
+        self.port.write(PENALTY, word);
+        let rows = own.chunks(PIECE_PX).zip(neighbours.chunks(PIECE_PX));
+        for (p2, (own, neighbours)) in p2.chunks_mut(PIECE_PX).zip(rows) {
+            let count = p2.len().min(own.len()).min(neighbours.len());
+            self.queue(INPUTS, 0, part(own, 0, count));
+            self.queue(NEIGHBOURS, 0, part(neighbours, 0, count));
+            self.make_bytes(PENALISE, count, p2.get_mut(..count).unwrap_or_default());
         }
     }
 
@@ -247,7 +306,7 @@ impl<P: Port> Kernels for StereoUnit<P> {
             .iter_mut()
             .zip(row.refined_index_q4.iter_mut())
             .zip(row.margins.iter_mut());
-        let words = Window::Pixels.words(self.port);
+        let words = Window::Pixels.words(self.port, width);
         for (((best, refined_index_q4), margin), word) in outputs.zip(words) {
             let index = word >> 8 & 0xff;
             *best = index as u16;
@@ -284,11 +343,7 @@ impl<T: bytemuck::NoUninit> Rows<'_, T> {
                 let run = row.get(start..start + count + 2).unwrap_or_default();
                 unit.queue(destination, 0, bytemuck::cast_slice(run));
             }
-            unit.set_shape(count, 0);
-            let bytes = bytes_of(piece);
-            let place = Window::place(bytes);
-            unit.execute(place << 16 | self.command);
-            Window::Results.copy_bytes(unit.port, place, bytes);
+            unit.make_bytes(self.command, count, bytes_of(piece));
             start += count;
         }
     }

@@ -23,16 +23,17 @@ impl Window {
         (bytes.as_ptr().addr() & 3) as u32
     }
 
-    /// The words from the first on.
+    /// The first `count` words.
     #[inline(always)]
-    pub(super) fn words(self, port: impl Port) -> impl Iterator<Item = u32> {
-        (self as usize..).step_by(4).map(move |at| port.read(at))
+    pub(super) fn words(self, port: impl Port, count: usize) -> impl Iterator<Item = u32> {
+        port.read_words(self as usize, count)
     }
 
     /// Copies `count` words, and fills the rest with ones.
     pub(super) fn copy_words(self, port: impl Port, to: &mut [u32], count: usize) {
         let (to, rest) = to.split_at_mut(count.min(to.len()));
-        for (to, word) in to.iter_mut().zip(self.words(port)) {
+        let words = self.words(port, to.len());
+        for (to, word) in to.iter_mut().zip(words) {
             *to = word;
         }
         rest.fill(u32::MAX);
@@ -41,16 +42,17 @@ impl Window {
     /// Copies bytes whose first lies at [`Window::place`] in the first word.
     pub(super) fn copy_bytes(self, port: impl Port, place: u32, to: &mut [u8]) {
         let (head, words, tail) = bytemuck::pod_align_to_mut::<u8, u32>(to);
-        let mut from = self.words(port);
+        let mut at = self as usize;
         if !head.is_empty() {
-            let word = from.next().unwrap_or_default();
-            copy_part(word >> (8 * place), head);
+            copy_part(port.read(at) >> (8 * place), head);
+            at += 4;
         }
-        for (to, word) in words.iter_mut().zip(&mut from) {
+        let count = words.len();
+        for (to, word) in words.iter_mut().zip(port.read_words(at, count)) {
             *to = word.to_le();
         }
         if !tail.is_empty() {
-            copy_part(from.next().unwrap_or_default(), tail);
+            copy_part(port.read(at + 4 * count), tail);
         }
     }
 }

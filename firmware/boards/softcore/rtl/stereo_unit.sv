@@ -1,10 +1,11 @@
-// The stereo unit: matching costs, path costs and selection of a row, rivals in it, cells of patterns, smoothed levels
-// and medians of disparities. It reads what it needs from the data memory while the processor does not, and keeps costs and paths to itself.
+// The stereo unit: matching costs, path costs and selection of a row, rivals in it, cells of patterns, smoothed and
+// converted levels, penalties and medians of disparities. It reads what it needs from the data memory while the processor does not, and keeps costs and paths to itself.
 //
 //  0x0000 STATUS      read: [0] it is at work. Nothing but STATUS and the queue is to be touched then
 //         COMMAND     write: what to do when the queued runs have been read: [2:0] 1 costs, 2 rivals, 3 paths and
-//                     selection, 4 smooth, 5 median  [15:8] largest step that is smoothed  [17:16] place of the first
-//                     byte of smoothed levels or medians in the first word
+//                     selection, 4 smooth, 5 median, 6 penalties, 7 convert  [15:8] largest step that is smoothed; of
+//                     what is converted, 0 lowest and 1 highest levels  [17:16] place of the first byte of the results of
+//                     4 to 7 in the first word
 //  0x0004 ADDRESS     of the first byte of the next run
 //  0x0008 RUN         queues a run, of which 32 may wait: [9:0] bytes  [14:10] destination  [16:15] place of its first
 //                     byte in the first word: 0 but for samples
@@ -15,14 +16,17 @@
 //  0x001c RIVALS      [7:0] ratio, 1/16  [15:8] slack  [23:16] rise  [30:24] reach, px
 //  0x0020 FOUND       read: a bit for each block of four pixels that has rivals; 0x0024 the next 32
 //  0x0028 SIZE        read: [7:0] costs of a word  [15:8] most disparities  [31:16] most costs of a row
+//  0x002c PENALTY     [7:0] P2  [15:8] smallest P2  [23:16] fall of P2 for a level, 1/16  [31:24] levels without a fall
+//  0x0030 GAIN        [14:0] gain, 1/4096  [23:16] difference that counts as none, levels
+//  0x0034 OFFSET      [22:0] offset, 1/4096 level, signed
 //  0x1000             read: of each pixel a word: [31:16] margin  [15:8] best  [7:0] step, 1/16 px, signed
 //  0x1400             read: of each position of the other view a word: sum << 16 | index
-//  0x1800             read: bytes of cells, levels or medians
+//  0x1800             read: bytes of cells, levels, penalties or medians
 //
 // Destinations of runs: 0 to 3 planes of the pixels' patterns, 4 to 7 of the other view's, 8 and 9 lowest and highest
 // levels that are equal, 10 levels, 11 truncations, 12 costs of a cell (two bytes each), 13 P2 along the line, 14 P2
 // down. The rows about one that is smoothed are 0 to 2, those of disparities begin at 0, 2 and 4 and take two buffers of
-// 64 words each. 16 to 24 are the samples of cells, which are packed while they come: first 16, then one after another.
+// 64 words each. Levels that get penalties, or that are converted, are 0, and their neighbours 1. 16 to 24 are the samples of cells, which are packed while they come: first 16, then one after another.
 // Pixels are at most 160 in a row and 128 in a run of costs.
 module stereo_unit #(
     parameter int LANES = 16,
@@ -43,13 +47,18 @@ module stereo_unit #(
 );
   localparam int WORD_AT = $clog2(COSTS / LANES);
   localparam logic [15:0] NONE = '1;
-  typedef enum logic [2:0] {NOTHING, MAKE_COSTS, FIND_RIVALS, MAKE_PATHS, SMOOTH, TAKE_MEDIANS} command_t;
+  typedef enum logic [2:0] {
+    NOTHING, MAKE_COSTS, FIND_RIVALS, MAKE_PATHS, SMOOTH, TAKE_MEDIANS, PENALISE, CONVERT
+  } command_t;
 
   wire writes = write && !addr[12];
   wire [3:0] place = addr[5:2];
   logic [23:0] address;
   logic [7:0] pixels, difference_truncation, difference_weight_q4, p1, relief, ratio_q4, slack, rise;
   logic [6:0] disparities, reach;
+  logic [7:0] p2, p2_floor, adaptation_q4, step_min, dead_zone;
+  logic [14:0] gain_q12;
+  logic signed [22:0] offset_q12;
   logic [9:0] lines_min;
   logic [WORD_AT-1:0] first;
   logic is_first;
@@ -91,6 +100,9 @@ module stereo_unit #(
         4'd5: {difference_weight_q4, difference_truncation} <= write_data[15:0];
         4'd6: {is_first, lines_min, relief, p1} <= write_data[26:0];
         4'd7: {reach, rise, slack, ratio_q4} <= write_data[30:0];
+        4'd11: {step_min, adaptation_q4, p2_floor, p2} <= write_data;
+        4'd12: {dead_zone, gain_q12} <= {write_data[23:16], write_data[14:0]};
+        4'd13: offset_q12 <= write_data[22:0];
         default: ;
       endcase
     end
@@ -169,20 +181,25 @@ module stereo_unit #(
       .clk, .write(other_write), .write_at(other_at), .write_data(other), .read_at(addr[9:2]), .data(other_read));
 
   // Rows of levels, or of disparities, which take two buffers each.
+  logic is_convert;
+  logic [7:0] level, neighbour, level_result;
   logic window_write;
   logic [6:0] window_write_at;
   logic [31:0] window_word, results;
   logic [15:0] rows[3];
-  always_ff @(posedge clk) if (starts) is_median <= command == TAKE_MEDIANS;
+  always_ff @(posedge clk) if (starts) {is_median, is_convert} <= {command == TAKE_MEDIANS, command == CONVERT};
   always_comb begin
     for (int i = 0; i < 3; i++)
       rows[i] = is_median ? buffer[2*i+32'(column[7])][16*column[0]+:16] : 16'(buffer[i][8*column[1:0]+:8]);
   end
   unit_windows windows (
-      .clk, .rst_n, .start(starts && (command == SMOOTH || command == TAKE_MEDIANS)),
-      .start_median(command == TAKE_MEDIANS), .pixels, .step_max, .place(result_place), .busy(windows_busy), .column,
-      .top(rows[0]), .middle(rows[1]), .bottom(rows[2]), .write(window_write), .write_at(window_write_at),
-      .word(window_word));
+      .clk, .rst_n, .start(starts && command >= SMOOTH), .start_median(command == TAKE_MEDIANS),
+      .start_levels(command >= PENALISE), .pixels, .step_max, .place(result_place), .busy(windows_busy), .column,
+      .top(rows[0]), .middle(rows[1]), .bottom(rows[2]), .level, .neighbour, .level_result, .write(window_write),
+      .write_at(window_write_at), .word(window_word));
+  unit_levels converted (
+      .clk, .is_convert, .is_high(step_max[0]), .p2, .p2_floor, .adaptation_q4, .step_min, .gain_q12, .offset_q12,
+      .dead_zone, .level, .neighbour, .result(level_result));
   unit_cells packing (
       .clk, .valid(run_valid && run_to[4]), .sample(run_to[3:0]), .index(run_index[5:0]), .levels(run_word),
       .write(window_write), .write_at(window_write_at), .write_data(window_word), .read_at(addr[8:2]),

@@ -1,8 +1,9 @@
 // Filters a row by the 3 x 3 pixels around each: smooths levels, or takes the median of disparities. It is the kernels
-// `smooth_row` and `median9_row`. A column of three comes with each cycle; of the results, words are made.
+// `smooth_row` and `median9_row`. A column of three comes with each cycle; of the results, words are made. So are words
+// of what `unit_levels` makes of a column.
 module unit_windows (
     input  logic        clk, rst_n,
-    input  logic        start, start_median,
+    input  logic        start, start_median, start_levels,
     input  logic [7:0]  pixels,
     input  logic [7:0]  step_max,  // largest step that is smoothed
     input  logic [1:0]  place,     // of the first byte in the first word
@@ -10,6 +11,9 @@ module unit_windows (
     // A column: levels in the low bytes, or disparities.
     output logic [7:0]  column,
     input  logic [15:0] top, middle, bottom,
+    // Levels of a column, and what is made of them three cycles later.
+    output logic [7:0]  level, neighbour,
+    input  logic [7:0]  level_result,
     // A word of the results.
     output logic        write,
     output logic [6:0]  write_at,
@@ -38,17 +42,18 @@ module unit_windows (
   endfunction
 
   // What is under way: a column in the window, and the pixels of the later stages.
-  logic is_median, comes, whole;
+  logic is_median, is_levels, comes, whole;
   logic [2:0] made;
   logic [15:0] window[3][3];
-  wire [7:0] last_column = pixels + 1'b1;
+  wire [7:0] last_column = is_levels ? pixels - 1'b1 : pixels + 1'b1;
+  assign level = window[0][2][7:0];
+  assign neighbour = window[1][2][7:0];
   // Smoothing.
   logic [7:0] own_1, own_2, near_1[8], half_2[4];
   wire [7:0] edges = midpoint(half_2[2], half_2[3]);
   wire [7:0] corners = midpoint(half_2[0], half_2[1]);
   logic [7:0] smoothed;
   // The median of the sorted columns.
-  logic [1:0] sorted_come;
   logic [15:0] low[3], centre[3], high[3];
   logic [15:0] lows_2, centres_2, highs_2, median_3;
 
@@ -68,11 +73,12 @@ module unit_windows (
         comes <= 1'b1;
         column <= '0;
         is_median <= start_median;
+        is_levels <= start_levels;
         at <= 9'(place);
         left <= pixels;
       end else if (column == last_column) comes <= 1'b0;
       if (comes) column <= column + 1'b1;
-      whole <= comes && column >= 8'd2;
+      whole <= comes && (is_levels || column >= 8'd2);
       made <= {made[1:0], whole};
       write <= writes_now && (ends || (is_median ? lane[1] : lane == 2'd3));
       if (writes_now) begin
@@ -111,7 +117,7 @@ module unit_windows (
 
     if (writes_now) begin
       if (is_median) word[8*{lane[1], 1'b0}+:16] <= median_3;
-      else word[8*lane+:8] <= smoothed;
+      else word[8*lane+:8] <= is_levels ? level_result : smoothed;
       write_at <= at[8:2];
     end
   end
