@@ -72,8 +72,9 @@ const COMMON_PROFILE: [&str; 6] = [
     "profile.release.package.\"*\".debug=\"line-tables-only\"",
 ];
 
-/// What tells the compiler to make code quickly, whatever the profile says.
-const CODE_OF_NO_USE: [&str; 4] = [
+/// Compiler flags for a crate that is only linted. They come after those of the profile and override them: its code is
+/// neither optimised nor linked.
+const LINT_ONLY: [&str; 4] = [
     "-Copt-level=0",
     "-Cdebug-assertions=off",
     "-Clto=off",
@@ -111,8 +112,7 @@ pub fn lint(board: &Board) -> Result<()> {
             .env("CLIPPY_ARGS", "-Dwarnings__CLIPPY_HACKERY__")
             .current_dir(package_folder(package));
         configure(&mut own, board, &toolchain, "release");
-        // Seen by clippy, the code is of no further use: it is not optimised, nor linked.
-        own.arg("--").args(CODE_OF_NO_USE);
+        own.arg("--").args(LINT_ONLY);
         commands.push(own);
     }
     // What a board in RTL shares is seen alike by the emulated one with this instruction set.

@@ -1,7 +1,8 @@
-//! Copies and fills of memory: the functions that the compiler calls for both.
+//! `memcpy` and `memset` for RV32: the functions that compiled code calls to copy and to fill memory.
 //!
-//! Those that come with the compiler move a word in each turn of their loops. These move eight where both ends are
-//! aligned. They take the place of the compiler's in programs that are built with the feature `memory-functions`.
+//! They replace the compiler's own, whose loops move one word of four bytes per iteration. Here an iteration moves eight
+//! words where source and destination are aligned to words, and one where only the destination is. The feature
+//! `memory-functions` links them.
 
 use core::arch::global_asm;
 
