@@ -269,10 +269,15 @@ impl Board {
         Self { simulation, ..self }
     }
 
-    /// Returns whether it is another board with further compiler flags.
+    /// Returns whether [`ALL`](Self::ALL) has a board before it that its target and kernels are those of, and that is
+    /// emulated if this is: what runs on both is tested there.
     #[must_use]
     pub fn is_variant(&self) -> bool {
-        self.name != self.folder
+        let is_alike = |other: &Self| {
+            other.target == self.target && other.emulation.is_some() == self.emulation.is_some()
+        };
+        let first = Self::ALL.iter().find(|other| is_alike(other));
+        first.is_some_and(|first| first.name != self.name)
     }
 
     /// Returns all boards that are emulated.

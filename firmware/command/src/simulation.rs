@@ -112,24 +112,28 @@ pub fn build(board: &Board) -> Result<PathBuf> {
     let mut files = files_with(&sources.join("rtl"), "sv")?;
     files.extend(files_with(&sources.join("sim"), "cpp")?);
     files.push(Simulator::find()?.processor);
-    let simulation = board.simulation.context("the board is not simulated")?;
-    let lanes = simulation.unit_lanes;
+    let lanes = unit_lanes(board)?;
     let setting = format!("-GUNIT_LANES={lanes}");
     verilate(&format!("sim{lanes}"), "soc", &[&setting], &files)
 }
 
-/// Makes a program of the stereo unit alone, with a memory beside it, which makes so many costs in a cycle, and returns
-/// its path.
+/// Makes a program of a board's stereo unit alone, with a memory beside it, and returns its path.
 ///
 /// # Errors
 /// Fails with one line when a tool is missing or the RTL does not build.
-pub fn build_unit(board: &Board, lanes: u32) -> Result<PathBuf> {
+pub fn build_unit(board: &Board) -> Result<PathBuf> {
     let sources = root().join("firmware/boards").join(board.folder);
     let mut files = files_with(&sources.join("rtl"), "sv")?;
     files.retain(|file| !file.ends_with("soc.sv"));
     files.extend(files_with(&sources.join("sim/unit"), "cpp")?);
+    let lanes = unit_lanes(board)?;
     let setting = format!("-GLANES={lanes}");
     verilate(&format!("unit{lanes}"), "stereo_unit", &[&setting], &files)
+}
+
+fn unit_lanes(board: &Board) -> Result<u32> {
+    let simulation = board.simulation.context("the board is not simulated")?;
+    Ok(simulation.unit_lanes)
 }
 
 /// Makes a program of a module in RTL and what is around it, in a folder of its own, and returns its path.

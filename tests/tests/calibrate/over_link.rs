@@ -2,9 +2,7 @@
 //! bench: `vgstereo capture`, `tools/calibrate.py`, `vgstereo calibration --send`, `vgstereo record` and
 //! `vgstereo replay`. The board is an emulated one that looks through the distorted built-in cameras.
 //!
-//! It runs if the board's compiler and emulator are installed (`cargo firmware setup`) and if the Python
-//! that `PYTHON` names, or else `python3`, has what `tools/requirements.txt` lists. It is listed as ignored
-//! otherwise.
+//! It needs the board's compiler and emulator as well (`cargo firmware setup`).
 
 use std::fs;
 use std::io::Read;
@@ -15,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
 use image::ImageReader;
-use libtest_mimic::{Arguments, Failed, Trial};
+use libtest_mimic::{Failed, Trial};
 use vgstereo_boards::board::{Board, MPS2_AN500};
 use vgstereo_boards::bridge::Damage;
 use vgstereo_boards::build::build;
@@ -45,19 +43,18 @@ const DISPARITIES: u16 = 60;
 /// Longest time that anything may take.
 const LONG: Duration = Duration::from_secs(120);
 
-fn main() {
-    let python = Python::find();
+/// Returns the test.
+pub(crate) fn trial(python: Option<Python>) -> Trial {
     let is_absent = python.is_none() || toolchain::ensure_complete(&[BOARD]).is_err();
-    let walk = move || -> Result<()> {
+    let run = move || -> Result<()> {
         let folder = tempfile::tempdir()?;
         walk(
             &python.context("there is no Python with OpenCV")?,
             folder.path(),
         )
     };
-    let walk = move || walk().map_err(|error| Failed::from(format!("{error:#}")));
-    let trial = Trial::test("walk", walk).with_ignored_flag(is_absent);
-    libtest_mimic::run(&Arguments::from_args(), vec![trial]).exit();
+    let run = move || run().map_err(|error| Failed::from(format!("{error:#}")));
+    Trial::test("over_link", run).with_ignored_flag(is_absent)
 }
 
 fn walk(python: &Python, folder: &Path) -> Result<()> {

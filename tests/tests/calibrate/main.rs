@@ -1,9 +1,13 @@
 //! `tools/calibrate.py`: real boards are calibrated as well as OpenCV can, rendered ones to the cameras that
-//! rendered them, what spoils a calibration is named, and `vgstereo calibration` reads what is written.
+//! rendered them, what spoils a calibration is named, and `vgstereo calibration` reads what is written. Then what a
+//! person does with it, from pictures of a board to distances: of files, and over the link.
 //!
 //! The tests run if the Python that `PYTHON` names, or else `python3`, has what `tools/requirements.txt`
 //! lists. Some need the pictures of Debian's package `opencv-doc` as well, in its folder or that which
 //! `OPENCV_DOC_DIR` names, or those of `UNRECTIFIED_DIR`. What is missing is listed as ignored.
+
+mod over_link;
+mod walk;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -102,6 +106,8 @@ fn main() {
             }),
         );
     }
+    trials.push(walk::trial(python.clone()));
+    trials.push(over_link::trial(python));
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }
 

@@ -1,8 +1,5 @@
 //! The walk from pictures of a board to distances, as a person takes it, with rendered cameras: `vgstereo
 //! demo --board`, `tools/calibrate.py`, `vgstereo calibration` and `vgstereo match`.
-//!
-//! It runs if the Python that `PYTHON` names, or else `python3`, has what `tools/requirements.txt` lists, and
-//! is listed as ignored otherwise.
 
 use std::ffi::OsString;
 use std::fs;
@@ -11,7 +8,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use glam::{DVec2, DVec3};
-use libtest_mimic::{Arguments, Failed, Trial};
+use libtest_mimic::{Failed, Trial};
 use vgstereo_sim::calibration::{Keep, Options, RectifiedPair, StereoCalibration, rectify};
 use vgstereo_sim::commands::CommandLine;
 use vgstereo_sim::dataset::save_scene;
@@ -28,17 +25,16 @@ const PRESET: &str = "balanced";
 /// Beyond this distance there is nothing but the wall, m.
 const WALL_M: f64 = 5.2;
 
-fn main() {
-    let python = Python::find();
+/// Returns the test.
+pub(crate) fn trial(python: Option<Python>) -> Trial {
     let is_absent = python.is_none();
-    let walk = move || -> Result<()> {
+    let run = move || -> Result<()> {
         let python = python.context("there is no Python with OpenCV")?;
         let folder = tempfile::tempdir()?;
         distances_are_as_good_as_with_the_true_calibration(&python, folder.path())
     };
-    let walk = move || walk().map_err(|error| Failed::from(format!("{error:#}")));
-    let trial = Trial::test("walk", walk).with_ignored_flag(is_absent);
-    libtest_mimic::run(&Arguments::from_args(), vec![trial]).exit();
+    let run = move || run().map_err(|error| Failed::from(format!("{error:#}")));
+    Trial::test("walk", run).with_ignored_flag(is_absent)
 }
 
 fn distances_are_as_good_as_with_the_true_calibration(
