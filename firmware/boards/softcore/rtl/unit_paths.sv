@@ -52,7 +52,9 @@ module unit_paths #(
   logic [8:0] part_next[DISPARITIES], part[DISPARITIES];
   logic [7:0] path[DISPARITIES];
   logic [7:0] p2_path, p2_above;
-  logic [7:0] least_path, least_above, least_path_now, least_above_now;
+  // Of four path costs each, in all blocks of a pixel, the least; the least of all is made when the next begins.
+  localparam int FOURS = LANES / 4;
+  logic [7:0] leasts_path[FOURS], leasts_above[FOURS], least_path_now, least_above_now;
   logic [7:0] onward_path[LANES], onward_above[LANES];
   logic [7:0] new_path[LANES], new_above[LANES];
   logic [WORD_AT-1:0] read_word, step_word;
@@ -85,11 +87,18 @@ module unit_paths #(
     return sum[8] ? 8'hff : sum[7:0];
   endfunction
 
-  function automatic logic [7:0] least_of(input logic [7:0] values[LANES]);
-    logic [7:0] tree[2*LANES];
-    for (int i = 0; i < LANES; i++) tree[LANES+i] = values[i];
-    for (int i = LANES - 1; i > 0; i--) tree[i] = least(tree[2*i], tree[2*i+1]);
+  function automatic logic [7:0] least_of(input logic [7:0] values[FOURS]);
+    logic [7:0] tree[2*FOURS];
+    for (int i = 0; i < FOURS; i++) tree[FOURS+i] = values[i];
+    for (int i = FOURS - 1; i > 0; i--) tree[i] = least(tree[2*i], tree[2*i+1]);
     return tree[1];
+  endfunction
+
+  // The least of four path costs, and of those of the blocks before.
+  function automatic logic [7:0] joined(input logic [7:0] so_far, a, b, c, d, input logic is_first_block);
+    logic [7:0] four;
+    four = least(least(a, b), least(c, d));
+    return is_first_block ? four : least(so_far, four);
   endfunction
 
   assign costs_at = read_word;
@@ -154,10 +163,10 @@ module unit_paths #(
       least_above_now <= least_above_of[read_pixel];
     end
     if (phase == 0) begin
-      least_path_now <= least_path;
+      least_path_now <= least_of(leasts_path);
       // What was made last is that of the pixel before.
-      if (busy && !back && place > 8'd1) least_above_of[step_pixel-1'b1] <= least_above;
-      if (busy && back && place == 0) least_above_of[pixels-1'b1] <= least_above;
+      if (busy && !back && place > 8'd1) least_above_of[step_pixel-1'b1] <= least_of(leasts_above);
+      if (busy && back && place == 0) least_above_of[pixels-1'b1] <= least_of(leasts_above);
     end
     // First stage: the way from the neighbours.
     for (int lane = 0; lane < LANES; lane++) begin
@@ -181,8 +190,12 @@ module unit_paths #(
     end
     // Third: their least, and the sums.
     if (is_made_3) begin
-      least_path <= block_3 == 0 ? least_of(new_path) : least(least_path, least_of(new_path));
-      least_above <= block_3 == 0 ? least_of(new_above) : least(least_above, least_of(new_above));
+      for (int i = 0; i < FOURS; i++) begin
+        leasts_path[i] <= joined(leasts_path[i], new_path[4*i], new_path[4*i+1], new_path[4*i+2], new_path[4*i+3],
+            block_3 == 0);
+        leasts_above[i] <= joined(leasts_above[i], new_above[4*i], new_above[4*i+1], new_above[4*i+2],
+            new_above[4*i+3], block_3 == 0);
+      end
       for (int lane = 0; lane < LANES; lane++)
         sums[10*lane+:10] <= 10'(part[block_3*LANES+lane]) + 10'(new_path[lane]);
       sums_block <= 6'(block_3);

@@ -42,6 +42,7 @@ module unit_rivals #(
   wire [7:0] column = state == LEAVE ? gone : entered;
   assign costs_at = WORD_AT'(column) * WORD_AT'(last_block + 1'b1) + WORD_AT'(block);
 
+  logic begins;                  // the least of a group
   logic [14:0] least, least_1;
   logic [22:0] product;
   logic [19:0] bound, wall;
@@ -55,7 +56,7 @@ module unit_rivals #(
     for (int i = LANES - 1; i > 0; i--) tree[i] = tree[2*i] < tree[2*i+1] ? tree[2*i] : tree[2*i+1];
     return tree[1];
   endfunction
-  logic [14:0] values[LANES];
+  logic [14:0] values[LANES], values_1[LANES];
   logic [LANES-1:0] is_used;
   always_comb begin
     for (int lane = 0; lane < LANES; lane++) begin
@@ -65,14 +66,12 @@ module unit_rivals #(
     end
   end
   // Low, high, low, in this order.
-  logic low_seen, wall_seen, found_now;
+  logic [LANES-1:0] walls_behind, lows_behind;
   always_comb begin
-    {low_seen, wall_seen, found_now} = {has_low, has_wall, found};
     for (int lane = 0; lane < LANES; lane++) begin
-      if (lows[lane]) begin
-        found_now |= wall_seen;
-        low_seen = 1'b1;
-      end else if (walls[lane]) wall_seen = low_seen;
+      automatic logic [LANES-1:0] before_lane = LANES'((1 << lane) - 1);
+      walls_behind[lane] = walls[lane] && (has_low || (lows & before_lane) != '0);
+      lows_behind[lane] = lows[lane] && (has_wall || (walls_behind & before_lane) != '0);
     end
   end
 
@@ -115,9 +114,9 @@ module unit_rivals #(
           if (is_last) state <= BOUND;
         end
         BOUND: begin
-          // The least of the last block joins, then the product is made, then the bound.
+          // The values of the last block come, and their least joins; then the product is made, and the bound.
           waits <= waits + 1'b1;
-          if (waits == 2'd2) begin
+          if (waits == 2'd3) begin
             state <= WALL;
             waits <= '0;
           end
@@ -156,8 +155,10 @@ module unit_rivals #(
         automatic int d = 32'(block_come) * LANES + lane;
         sum[d] <= leaves ? sum[d] - 15'(costs[8*lane+:8]) : sum[d] + 15'(costs[8*lane+:8]);
       end
-    least_1 <= least_of(values);
-    if (state == LEAST && block == 0) least <= '1;
+    begins <= state == LEAST && block == 0;
+    values_1 <= values;
+    least_1 <= least_of(values_1);
+    if (begins) least <= '1;
     else if (least_1 < least) least <= least_1;
     product <= 23'(least) * 23'(ratio_q4);
     bound <= 20'(product >> 4) + 20'(slack);
@@ -167,6 +168,10 @@ module unit_rivals #(
       walls[lane] <= is_used[lane] && 20'(values[lane]) >= wall;
     end
     if (state == WALL) {has_low, has_wall, found} <= '0;
-    else if (looked_1) {has_low, has_wall, found} <= {low_seen, wall_seen, found_now};
+    else if (looked_1) begin
+      has_low <= has_low || lows != '0;
+      has_wall <= has_wall || walls_behind != '0;
+      found <= found || lows_behind != '0;
+    end
   end
 endmodule

@@ -33,10 +33,15 @@ module unit_selection #(
   localparam logic [15:0] NONE = '1;
   wire [6:0] last_block = (disparities - 1'b1) / 7'(LANES);
 
-  function automatic logic [15:0] least_of(input logic [15:0] keys[LANES]);
-    logic [15:0] tree[2*LANES];
-    for (int i = 0; i < LANES; i++) tree[LANES+i] = keys[i];
-    for (int i = LANES - 1; i > 0; i--) tree[i] = tree[2*i] < tree[2*i+1] ? tree[2*i] : tree[2*i+1];
+  // The least of a block is found in two cycles: of each four first.
+  localparam int FOURS = LANES / 4;
+  function automatic logic [15:0] least(input logic [15:0] a, b);
+    return a < b ? a : b;
+  endfunction
+  function automatic logic [15:0] least_of(input logic [15:0] keys[FOURS]);
+    logic [15:0] tree[2*FOURS];
+    for (int i = 0; i < FOURS; i++) tree[FOURS+i] = keys[i];
+    for (int i = FOURS - 1; i > 0; i--) tree[i] = least(tree[2*i], tree[2*i+1]);
     return tree[1];
   endfunction
 
@@ -78,17 +83,21 @@ module unit_selection #(
 
   // The best of the pixel: of each block, then of those so far.
   logic [9:0] sum[DISPARITIES];
-  logic [15:0] least_1, least_2;
-  logic valid_1, first_1, last_1, chosen;
-  logic [7:0] pixel_1, pixel_2;
+  logic [10*LANES-1:0] sums_0;
+  logic [15:0] fours_0[FOURS], least_1, least_2;
+  logic valid_0, first_0, last_0, valid_1, first_1, last_1, chosen;
+  logic [BLOCK_AT-1:0] at_0;
+  logic [7:0] pixel_0, pixel_1, pixel_2;
   // The second best, which is no neighbour of the best: block by block as well.
-  logic [15:0] picked;
-  logic [7:0] picked_pixel;
-  logic [9:0] sum_before, sum_after;
-  logic has_both, scans, scanned, scan_first, scan_ends, done;
+  logic [15:0] picked, taken;
+  logic [7:0] picked_pixel, taken_pixel;
+  logic [9:0] picked_before, picked_after, sum_before, sum_after;
+  logic picked_both, has_both, scans, done;
+  logic scanned_0, scan_first_0, scan_ends_0, scanned_1, scan_first_1, scan_ends_1;
   logic [BLOCK_AT-1:0] scan;
-  logic [9:0] second_1;
-  logic [9:0] second;
+  wire is_last_scan = 7'(scan) == last_block;
+  logic [15:0] others_0[FOURS];
+  logic [9:0] second_1, second;
   logic [15:0] others[LANES];
   wire [5:0] picked_index = picked[5:0];
   always_comb begin
@@ -98,22 +107,27 @@ module unit_selection #(
       others[lane] = is_near || d >= disparities ? NONE : {sum[6'(d)], 6'd0};
     end
   end
-  wire [9:0] least_other = 10'(least_of(others) >> 6);
   always_ff @(posedge clk) begin
     if (!rst_n) begin
-      {valid_1, chosen, scans, scanned, done} <= '0;
+      {valid_0, valid_1, chosen, scans, scanned_0, scanned_1, done} <= '0;
     end else begin
-      valid_1 <= valid;
+      {valid_0, valid_1} <= {valid, valid_0};
       chosen <= valid_1 && last_1;
       if (chosen) scans <= 1'b1;
-      else if (7'(scan) == last_block) scans <= 1'b0;
-      scanned <= scans;
-      done <= scanned && scan_ends;
+      else if (is_last_scan) scans <= 1'b0;
+      {scanned_0, scanned_1} <= {scans, scanned_0};
+      done <= scanned_1 && scan_ends_1;
     end
-    if (valid)
-      for (int lane = 0; lane < LANES; lane++) sum[32'(at)*LANES+lane] <= sums[10*lane+:10];
-    least_1 <= least_of(keys);
-    {first_1, last_1, pixel_1} <= {block == 0, last, pixel};
+    {sums_0, at_0} <= {sums, at};
+    if (valid_0)
+      for (int lane = 0; lane < LANES; lane++) sum[32'(at_0)*LANES+lane] <= sums_0[10*lane+:10];
+    for (int i = 0; i < FOURS; i++) begin
+      fours_0[i] <= least(least(keys[4*i], keys[4*i+1]), least(keys[4*i+2], keys[4*i+3]));
+      others_0[i] <= least(least(others[4*i], others[4*i+1]), least(others[4*i+2], others[4*i+3]));
+    end
+    least_1 <= least_of(fours_0);
+    {first_0, last_0, pixel_0} <= {block == 0, last, pixel};
+    {first_1, last_1, pixel_1} <= {first_0, last_0, pixel_0};
     if (valid_1) begin
       if (first_1 || least_1 < least_2) least_2 <= least_1;
       pixel_2 <= pixel_1;
@@ -121,15 +135,20 @@ module unit_selection #(
     if (chosen) begin
       picked <= least_2;
       picked_pixel <= pixel_2;
-      sum_before <= sum[least_2[5:0]-1'b1];
-      sum_after <= sum[least_2[5:0]+1'b1];
-      has_both <= least_2[5:0] != 0 && 7'(least_2[5:0]) + 7'd1 < disparities;
+      picked_before <= sum[least_2[5:0]-1'b1];
+      picked_after <= sum[least_2[5:0]+1'b1];
+      picked_both <= least_2[5:0] != 0 && 7'(least_2[5:0]) + 7'd1 < disparities;
       scan <= '0;
     end else scan <= scan + 1'b1;
-    second_1 <= least_other;
-    scan_first <= scan == 0;
-    scan_ends <= 7'(scan) == last_block;
-    if (scanned) second <= scan_first || second_1 < second ? second_1 : second;
+    // The next pixel is picked before this one's second is known.
+    if (scans && is_last_scan) begin
+      {taken, taken_pixel, has_both} <= {picked, picked_pixel, picked_both};
+      {sum_before, sum_after} <= {picked_before, picked_after};
+    end
+    second_1 <= 10'(least_of(others_0) >> 6);
+    {scan_first_0, scan_first_1} <= {scan == 0, scan_first_0};
+    {scan_ends_0, scan_ends_1} <= {is_last_scan, scan_ends_0};
+    if (scanned_1) second <= scan_first_1 || second_1 < second ? second_1 : second;
   end
 
   // The sub-pixel step.
@@ -162,12 +181,12 @@ module unit_selection #(
       margin_s[i] <= margin_s[i-1];
       has_s[i] <= has_s[i-1];
     end
-    pixel_s[0] <= picked_pixel;
-    index_s[0] <= picked_index;
-    margin_s[0] <= (second == '1 ? 15'h7fff : 15'(second)) - 15'(picked[15:6]);
+    pixel_s[0] <= taken_pixel;
+    index_s[0] <= taken[5:0];
+    margin_s[0] <= (second == '1 ? 15'h7fff : 15'(second)) - 15'(taken[15:6]);
     has_s[0] <= has_both;
-    rise_before <= sum_before - picked[15:6];
-    rise_after <= sum_after - picked[15:6];
+    rise_before <= sum_before - taken[15:6];
+    rise_after <= sum_after - taken[15:6];
     is_negative[1] <= rise_before < rise_after;
     larger <= rise_before < rise_after ? rise_after : rise_before;
     smaller <= rise_before < rise_after ? rise_before : rise_after;
@@ -185,6 +204,6 @@ module unit_selection #(
     margin <= margin_s[3];
     step_q4 <= !has_s[3] ? '0 : is_negative[3] ? -5'(steps) : 5'(steps);
   end
-  assign busy = valid || ends || left != 0 || other_write || valid_1 || chosen || scans || scanned || done
-      || made != '0 || best_write;
+  assign busy = valid || ends || left != 0 || other_write || valid_0 || valid_1 || chosen || scans || scanned_0
+      || scanned_1 || done || made != '0 || best_write;
 endmodule
