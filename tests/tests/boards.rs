@@ -8,6 +8,9 @@
 //! another board, and of stereo units of other widths than the board's: `-- --include-ignored stm32h743`, to name one,
 //! runs those as well.
 
+use std::io::Write;
+use std::process::{Command, Stdio};
+
 use libtest_mimic::{Arguments, Failed, Trial};
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
@@ -26,10 +29,10 @@ use vgstereo_core::{INVALID, Kernels, Portable, Preset};
 use vgstereo_firmware::Statistics;
 use vgstereo_firmware::camera::{ErrorKind, PixelFormat};
 use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
-use vgstereo_kernels::StereoUnit;
 use vgstereo_kernels::cases::{
     Case, ConvertCase, Median9Case, PackCase, PenaltyCase, RowsCase, SmoothCase, below, generator,
 };
+use vgstereo_kernels::{StereoUnit, byte_instruction};
 
 /// Limits of RAM: board, preset, columns, number of disparities, and KiB that statics, working
 /// memory and stack may take together.
@@ -84,6 +87,9 @@ const SIMULATION_TESTS: [(&str, BoardTest, bool); 4] = [
 fn main() {
     let mut trials = Vec::new();
     for board in Board::simulated() {
+        let name = format!("{}::instructions", board.name);
+        let trial = Trial::test(name, move || the_byte_instructions_equal_plain_code(&board));
+        trials.push(trial.with_ignored_flag(Simulator::find().is_err()));
         for lanes in UNIT_LANES {
             let other = board.with_unit(lanes);
             let name = format!("{}::unit_{lanes}", board.name);
@@ -395,6 +401,64 @@ fn within_its_block_ram(board: &Board) -> Result<(), Failed> {
     let pair = Pair::rendered(160, 120, 32);
     let request = pair.request(Preset::Lite, 1, &[]).map_err(text)?;
     assert!(request.working_bytes() <= sizes.lent_bytes);
+    Ok(())
+}
+
+/// All instructions of the processor's port for our own, the functions that there are not among them, on random operands
+/// in which bytes at the ends of their range and equal ones are frequent.
+fn the_byte_instructions_equal_plain_code(board: &Board) -> Result<(), Failed> {
+    const OPERANDS: usize = 400;
+    let program = simulation::build_instructions(board).map_err(text)?;
+    let random = &mut generator(1);
+    let mut operand = || {
+        let [any, ends] = [(); 2].map(|()| random.next_u32().to_le_bytes());
+        u32::from_le_bytes(std::array::from_fn(|at| match ends[at] % 8 {
+            0 => 0,
+            1 => u8::MAX,
+            2 => 1,
+            _ => any[at],
+        }))
+    };
+    let mut instructions = Vec::new();
+    // All three bits of funct3, and those of funct7 up to some that have no function.
+    for function in (0..128).chain([1 << 9, (1 << 10) - 1]) {
+        for index in 0..OPERANDS {
+            let a = operand();
+            let b = if index % 8 == 0 { a } else { operand() };
+            instructions.push((function, a, b));
+        }
+    }
+    // So that a different function follows each.
+    let stride = 7919;
+    let count = instructions.len();
+    let instructions: Vec<_> = (0..count)
+        .map(|index| instructions[index * stride % count])
+        .collect();
+    let mut input = Vec::new();
+    for &(function, a, b) in &instructions {
+        input.extend((function as u16).to_le_bytes());
+        input.extend(a.to_le_bytes());
+        input.extend(b.to_le_bytes());
+    }
+    let mut command = Command::new(program);
+    command.stdin(Stdio::piped()).stdout(Stdio::piped());
+    let mut child = command.spawn()?;
+    // It reads all before it writes.
+    let mut to_logic = child.stdin.take().ok_or("no input")?;
+    to_logic.write_all(&input)?;
+    drop(to_logic);
+    let output = child.wait_with_output()?;
+    assert!(output.status.success(), "the logic has stopped");
+    let results = output.stdout.as_chunks().0;
+    assert_eq!(results.len(), count);
+    for (&(function, a, b), &result) in instructions.iter().zip(results) {
+        let expected = byte_instruction(function >> 3, function & 7, a, b);
+        let result = u32::from_le_bytes(result);
+        assert_eq!(
+            result, expected,
+            "function {function:#x} of {a:#010x} and {b:#010x}"
+        );
+    }
     Ok(())
 }
 

@@ -44,6 +44,7 @@ const CRATES: [Layers; 6] = [
             &["cases"],
             &["aarch64", "armv7em", "stereo_unit", "x86_64"],
             &["helium", "rv32", "native"],
+            &["rv32_bytes"],
         ],
         allowed: &[],
     },

@@ -2,7 +2,7 @@
 //! instruction set.
 //!
 //! Every set implements [`Kernels`](vgstereo_core::kernel::Kernels) and equals the reference,
-//! [`Portable`](vgstereo_core::kernel::Portable), bit for bit. [`Armv7em`] and [`Rv32`] are for
+//! [`Portable`](vgstereo_core::kernel::Portable), bit for bit. [`Armv7em`], [`Rv32`] and [`Rv32Bytes`] are for
 //! microcontrollers, as is `Helium`, which is there where the compiler's flags name a processor with
 //! these instructions. [`NativeKernels`] is for programs that learn only at run time which
 //! instructions the processor has.
@@ -30,6 +30,7 @@ pub mod cases;
 mod helium;
 mod native;
 mod rv32;
+mod rv32_bytes;
 mod stereo_unit;
 #[cfg(all(target_arch = "x86_64", feature = "std"))]
 pub mod x86_64;
@@ -39,4 +40,8 @@ pub use armv7em::Armv7em;
 pub use helium::Helium;
 pub use native::NativeKernels;
 pub use rv32::Rv32;
+pub use rv32_bytes::Rv32Bytes;
+#[cfg(feature = "cases")]
+#[doc(hidden)]
+pub use rv32_bytes::byte_instruction;
 pub use stereo_unit::{Port, StereoUnit};

@@ -122,13 +122,29 @@ pub fn build(board: &Board) -> Result<PathBuf> {
 /// # Errors
 /// Fails with one line when a tool is missing or the RTL does not build.
 pub fn build_unit(board: &Board) -> Result<PathBuf> {
+    let lanes = unit_lanes(board)?;
+    let setting = format!("-GLANES={lanes}");
+    let files = files_of_part(board, "unit")?;
+    verilate(&format!("unit{lanes}"), "stereo_unit", &[&setting], &files)
+}
+
+/// Makes a program of the processor's byte instructions alone, and returns its path. It reads instructions and writes
+/// their results, as `sim/instructions/main.cpp` says.
+///
+/// # Errors
+/// Fails with one line when a tool is missing or the RTL does not build.
+pub fn build_instructions(board: &Board) -> Result<PathBuf> {
+    let files = files_of_part(board, "instructions")?;
+    verilate("instructions", "byte_instructions", &[], &files)
+}
+
+/// Returns the files of a board but for the whole system, and of what is around a part of it.
+fn files_of_part(board: &Board, part: &str) -> Result<Vec<PathBuf>> {
     let sources = root().join("firmware/boards").join(board.folder);
     let mut files = files_with(&sources.join("rtl"), "sv")?;
     files.retain(|file| !file.ends_with("soc.sv"));
-    files.extend(files_with(&sources.join("sim/unit"), "cpp")?);
-    let lanes = unit_lanes(board)?;
-    let setting = format!("-GLANES={lanes}");
-    verilate(&format!("unit{lanes}"), "stereo_unit", &[&setting], &files)
+    files.extend(files_with(&sources.join("sim").join(part), "cpp")?);
+    Ok(files)
 }
 
 fn unit_lanes(board: &Board) -> Result<u32> {

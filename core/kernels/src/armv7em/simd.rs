@@ -530,7 +530,7 @@ pub(super) const fn store(word: u32, bytes: &mut [u8; 4]) {
 /// Packs two signed halfwords into a word, the first in the low half.
 #[inline(always)]
 #[must_use]
-pub(super) const fn pair_of(&[low, high]: &[i16; 2]) -> u32 {
+pub(crate) const fn pair_of(&[low, high]: &[i16; 2]) -> u32 {
     (high.cast_unsigned() as u32) << 16 | low.cast_unsigned() as u32
 }
 

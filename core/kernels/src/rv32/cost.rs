@@ -65,7 +65,7 @@ fn write_costs<const COUNTS_ONES: bool>(run: &CostRun<'_>, costs: &mut [u8]) -> 
 }
 
 /// Whether the cost of a cell is a whole number and all cells together cost at most 255.
-fn are_whole(run: &CostRun<'_>) -> bool {
+pub(crate) fn are_whole(run: &CostRun<'_>) -> bool {
     let bits = run.cell_costs_q8.iter().fold(0, |bits, &cost| bits | cost);
     let most = usize::from(bits / 256) * run.inputs.count * CELLS_PER_BYTE;
     bits.is_multiple_of(256) && most <= u8::MAX.into()
@@ -115,7 +115,7 @@ fn write_groups<const BYTES: usize, const TERMS: usize>(
 }
 
 /// A run of positions in all planes.
-fn rows<const BYTES: usize>(
+pub(crate) fn rows<const BYTES: usize>(
     planes: Planes<'_>,
     first: usize,
     count: usize,

@@ -2,7 +2,7 @@
 
 mod aggregate;
 mod check;
-mod cost;
+pub(crate) mod cost;
 mod counted;
 mod group;
 #[allow(unsafe_code)]

@@ -59,9 +59,13 @@ module soc #(
     read_ack <= core_rst_n && data_active && !data_we && (!read_ack || data_goes_on);
   end
 
-  // No instructions of our own yet: what comes goes back.
-  logic cfu_valid, cfu_ready;
-  logic [31:0] cfu_value;
+  // Instructions of our own.
+  logic cfu_asks, cfu_takes, cfu_has_result, cfu_result_taken;
+  logic [9:0] cfu_id;
+  logic [31:0] cfu_a, cfu_b, cfu_result;
+  byte_instructions instructions (
+      .clk, .rst_n(core_rst_n), .asks(cfu_asks), .takes(cfu_takes), .id(cfu_id), .a(cfu_a), .b(cfu_b),
+      .has_result(cfu_has_result), .result_taken(cfu_result_taken), .result(cfu_result));
   VexRiscv cpu (
       .clk, .reset(!core_rst_n), .externalResetVector(32'h0), .timerInterrupt(1'b0),
       .softwareInterrupt(1'b0), .externalInterruptArray(32'b0),
@@ -74,10 +78,10 @@ module soc #(
       .dBusWishbone_ADR(data_adr), .dBusWishbone_DAT_MISO(data_in),
       .dBusWishbone_DAT_MOSI(data_out), .dBusWishbone_SEL(data_sel), .dBusWishbone_ERR(1'b0),
       .dBusWishbone_CTI(data_cti), .dBusWishbone_BTE(),
-      .CfuPlugin_bus_cmd_valid(cfu_valid), .CfuPlugin_bus_cmd_ready(cfu_ready),
-      .CfuPlugin_bus_cmd_payload_function_id(), .CfuPlugin_bus_cmd_payload_inputs_0(cfu_value),
-      .CfuPlugin_bus_cmd_payload_inputs_1(), .CfuPlugin_bus_rsp_valid(cfu_valid),
-      .CfuPlugin_bus_rsp_ready(cfu_ready), .CfuPlugin_bus_rsp_payload_outputs_0(cfu_value));
+      .CfuPlugin_bus_cmd_valid(cfu_asks), .CfuPlugin_bus_cmd_ready(cfu_takes),
+      .CfuPlugin_bus_cmd_payload_function_id(cfu_id), .CfuPlugin_bus_cmd_payload_inputs_0(cfu_a),
+      .CfuPlugin_bus_cmd_payload_inputs_1(cfu_b), .CfuPlugin_bus_rsp_valid(cfu_has_result),
+      .CfuPlugin_bus_rsp_ready(cfu_result_taken), .CfuPlugin_bus_rsp_payload_outputs_0(cfu_result));
 
   localparam int CODE_AT = $clog2(CODE_WORDS);
   localparam int DATA_AT = $clog2(DATA_WORDS);

@@ -49,6 +49,7 @@ pub(crate) fn run(kernels: impl BoardKernels) -> ! {
     // SAFETY: it runs on the main stack, there is no heap, and no interrupt is enabled.
     let stack = unsafe { Stack::paint_main() };
     LEDS.write(LEDS_RUNNING);
+    enable_byte_instructions();
     let (memory, packet) = (&raw mut MEMORY, &raw mut PACKET);
     // SAFETY: this is the only place that takes them, and it is reached once.
     let (memory, packet) = unsafe { (&mut *memory, &mut *packet) };
@@ -72,6 +73,12 @@ pub(crate) fn run(kernels: impl BoardKernels) -> ! {
     loop {
         watchdog.feed();
     }
+}
+
+/// Makes the instructions of `rtl/byte_instructions.sv` legal, which the kernels use.
+fn enable_byte_instructions() {
+    // SAFETY: besides, the register is the mask of external interrupts, of which there are none.
+    unsafe { core::arch::asm!("csrw 0xbc0, {}", in(reg) 1_u32 << 31) };
 }
 
 /// Reason for which a request is not served.
