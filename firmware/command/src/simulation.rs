@@ -40,6 +40,8 @@ pub struct Scenario {
     pub is_free_running: bool,
     /// When the left and the right sensor get their power, µs after the reset.
     pub powered_us: [u64; 2],
+    /// Until when SDA of the left and of the right sensor is held low, likewise.
+    pub sda_held_us: [u64; 2],
 }
 
 impl Scenario {
@@ -215,8 +217,13 @@ pub fn run(
     for fault in &scenario.faults {
         command.args(["--fault", fault]);
     }
-    for (side, us) in ["left", "right"].iter().zip(scenario.powered_us) {
-        command.args(["--powered", &format!("{side}:{us}")]);
+    for (option, times_us) in [
+        ("--powered", scenario.powered_us),
+        ("--sda-held", scenario.sda_held_us),
+    ] {
+        for (side, us) in ["left", "right"].iter().zip(times_us) {
+            command.args([option, &format!("{side}:{us}")]);
+        }
     }
     if scenario.is_free_running {
         command.arg("--free-running");

@@ -37,15 +37,16 @@ struct Options {
   bool is_held = true;
   uint64_t cycles = UINT64_MAX;
   uint64_t power_cycles[2] = {0, 0};  // when each sensor gets its power
+  uint64_t held_cycles[2] = {0, 0};   // until when SDA of each is held low
 };
 
 // A time for one of the sensors: SIDE:US.
-void parse_power(const std::string &text, Options &options) {
+void parse_time(const std::string &text, uint64_t (&cycles)[2]) {
   const size_t colon = text.find(':');
   const std::string side = text.substr(0, colon);
   if (colon == std::string::npos || (side != "left" && side != "right"))
-    throw std::runtime_error(text + ": a sensor without power is left:US or right:US");
-  options.power_cycles[side == "left" ? LEFT : RIGHT] = std::stoull(text.substr(colon + 1)) * CLOCK_MHZ;
+    throw std::runtime_error(text + ": a time is left:US or right:US");
+  cycles[side == "left" ? LEFT : RIGHT] = std::stoull(text.substr(colon + 1)) * CLOCK_MHZ;
 }
 
 Options parse(int argc, char **argv) {
@@ -62,7 +63,8 @@ Options parse(int argc, char **argv) {
     if (name == "--left") options.left = value;
     else if (name == "--right") options.right = value;
     else if (name == "--fault") options.faults.push_back(Fault::parse(value));
-    else if (name == "--powered") parse_power(value, options);
+    else if (name == "--powered") parse_time(value, options.power_cycles);
+    else if (name == "--sda-held") parse_time(value, options.held_cycles);
     else if (name == "--cycles") options.cycles = std::stoull(value);
     else throw std::runtime_error("there is no option " + name);
   }
@@ -82,7 +84,6 @@ int run(VerilatedContext &context, const Options &options) {
   soc.rx = 1;
   uint64_t cycles = 0;
   int result = NO_END;
-  bool held[2] = {false, false};  // SDA, by the sensors
   while (cycles < options.cycles) {
     // Half a cycle each. The pins of the sensors change whenever their own clocks say.
     soc.clk = !soc.clk;
@@ -91,14 +92,14 @@ int run(VerilatedContext &context, const Options &options) {
     soc.left_pclk = left.pclk, soc.left_vsync = left.vsync, soc.left_href = left.href, soc.left_d = left.d;
     soc.right_pclk = right.pclk, soc.right_vsync = right.vsync, soc.right_href = right.href, soc.right_d = right.d;
     // The wires are pulled up, and low where anyone holds them.
-    soc.scl = !soc.scl_low;
-    soc.left_sda = !(soc.left_sda_low || held[LEFT]);
-    soc.right_sda = !(soc.right_sda_low || held[RIGHT]);
-    for (const Side side : {LEFT, RIGHT}) {
-      SensorRegisters &registers = sensors.registers(side);
-      if (cycles == options.power_cycles[side]) registers.set_power(true);
-      held[side] = registers.step(soc.scl, side == LEFT ? soc.left_sda : soc.right_sda, soc.sensors_rst_n);
-    }
+    SensorRegisters &left_bus = sensors.registers(LEFT), &right_bus = sensors.registers(RIGHT);
+    if (cycles == options.power_cycles[LEFT]) left_bus.set_power(true);
+    if (cycles == options.power_cycles[RIGHT]) right_bus.set_power(true);
+    soc.scl = !(soc.scl_low || left_bus.holds_scl() || right_bus.holds_scl());
+    soc.left_sda = !(soc.left_sda_low || left_bus.holds_sda() || cycles < options.held_cycles[LEFT]);
+    soc.right_sda = !(soc.right_sda_low || right_bus.holds_sda() || cycles < options.held_cycles[RIGHT]);
+    left_bus.step(soc.scl, soc.left_sda, soc.sensors_rst_n);
+    right_bus.step(soc.scl, soc.right_sda, soc.sensors_rst_n);
     if (soc.clk) {
       soc.rst_n = cycles >= RESET_CYCLES;
       soc.rx = to_board.step();

@@ -5,7 +5,7 @@
 #include <vector>
 
 // Registers behind an I2C target, as SCCB has it: a write names a register and may give its value, and a read gives that
-// of the register named last. `step` takes what the wires are, and returns whether the target holds SDA low.
+// of the register named last. `step` takes what the wires are. Other than an OV7670, it stretches SCL after each byte.
 class SensorRegisters {
  public:
   // Register and value, in the order in which they were written.
@@ -31,19 +31,23 @@ class SensorRegisters {
     is_on_ = is_on;
   }
 
+  // Whether the target holds the wires low.
+  bool holds_sda() const { return holds_; }
+  bool holds_scl() const { return stretch_ > 0; }
+
   // Half a cycle of the system's clock.
-  bool step(bool scl, bool sda, bool rst_n) {
+  void step(bool scl, bool sda, bool rst_n) {
     quiet_++;
     if (!rst_n && was_rst_n_) reset();
     was_rst_n_ = rst_n;
     const bool rises = scl && !scl_, falls = !scl && scl_;
     const bool starts = scl && scl_ && !sda && sda_, stops = scl && scl_ && sda && !sda_;
     scl_ = scl, sda_ = sda;
-    if (!is_on_ || !rst_n || stops) state_ = IDLE, holds_ = false;
+    if (!is_on_ || !rst_n || stops) state_ = IDLE, holds_ = false, stretch_ = 0;
     else if (starts) state_ = ADDRESS, bit_ = 0, byte_ = 0, holds_ = false;
     else if (state_ != IDLE && rises) rise();
     else if (state_ != IDLE && falls) fall();
-    return holds_;
+    if (stretch_ > 0) stretch_--;
   }
 
  private:
@@ -51,6 +55,8 @@ class SensorRegisters {
   static constexpr uint32_t LINE = 784;
   // Half cycles of the system's clock after the last write until frames are sent: 1 ms.
   static constexpr uint64_t SETTLING = 96'000;
+  // And of stretching: 20 us.
+  static constexpr uint64_t STRETCH = 20 * 96;
   enum State { IDLE, ADDRESS, REGISTER, VALUE, READ };
 
   void reset() {
@@ -82,6 +88,7 @@ class SensorRegisters {
       return;
     }
     // A byte has come, or gone.
+    stretch_ = STRETCH;
     holds_ = state_ != READ;
     switch (state_) {
       case ADDRESS:
@@ -102,7 +109,7 @@ class SensorRegisters {
   uint8_t values_[256] = {};
   std::vector<uint16_t> writes_;
   uint32_t resets_ = 0;
-  uint64_t quiet_ = 0;
+  uint64_t quiet_ = 0, stretch_ = 0;
   bool is_on_ = false, was_rst_n_ = false, scl_ = true, sda_ = true, holds_ = false, ends_ = false;
   State state_ = IDLE;
   unsigned bit_ = 0;

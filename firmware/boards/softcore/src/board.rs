@@ -34,9 +34,11 @@ static mut PACKET: [u8; PACKET_BYTES] = [0; PACKET_BYTES];
 #[unsafe(export_name = "request")]
 static REQUEST: [u8; 512] = [0; 512];
 
-/// What the LEDs show while the board runs: one, and one for each sensor that does not answer.
+/// What the LEDs show while the board runs.
 pub(crate) const LEDS_RUNNING: u32 = 0x01;
-pub(crate) const LEDS_SENSORS: u32 = 1;
+/// The LED of the left sensor, when it does not answer; the next one is that of the right sensor.
+pub(crate) const LED_LEFT_SENSOR: u32 = 1;
+/// What they show when it has failed.
 const LEDS_FAILED: u32 = 0xff;
 
 /// Kernels of a program for this board.

@@ -12,7 +12,7 @@ use vgstereo_firmware::sensors::{
     Binning, FrameSync, Sensor, SensorError, SensorSettings, TestPattern, Window, reset_by_pin,
 };
 
-use crate::board::{LEDS_RUNNING, LEDS_SENSORS};
+use crate::board::{LED_LEFT_SENSOR, LEDS_RUNNING};
 use crate::clock::{self, Delay};
 use crate::i2c::{BusError, ResetPin, SensorBus};
 use crate::registers::LEDS;
@@ -116,7 +116,7 @@ impl<'s, 'm> Sensors<'s, 'm> {
             Some(SensorError::Nack(BusError::NoAcknowledge(sides))) => sides as u32,
             _ => 0,
         };
-        LEDS.write(LEDS_RUNNING | missing << LEDS_SENSORS);
+        LEDS.write(LEDS_RUNNING | missing << LED_LEFT_SENSOR);
         if self.told != problem {
             self.told = problem;
             // The line is long enough for each.
