@@ -142,8 +142,10 @@ def pack(folder, seed, lanes, image):
     pairs = []
     for path, words in memories(folder, lanes).items():
         content = (image / path.name).read_text(encoding="ascii").split()
-        if len(content) != words:
+        if len(content) > words:
             sys.exit(f"error: {image / path.name}: {len(content)} words, where the memory has {words}")
+        # What is beyond the last word is not read before it is written.
+        content += ["00000000"] * (words - len(content))
         new = folder / f"image-{path.name}"
         (ROOT / new).write_text("".join(f"{word}\n" for word in content), encoding="ascii")
         filled = folder / f"with-{path.stem}.config"
