@@ -38,6 +38,10 @@ pub struct Scenario {
     pub faults: Vec<String>,
     /// Whether the sensors do not wait for room.
     pub is_free_running: bool,
+    /// When the left and the right sensor get their power, µs after the reset.
+    pub powered_us: [u64; 2],
+    /// Until when SDA of the left and of the right sensor is held low, likewise.
+    pub sda_held_us: [u64; 2],
 }
 
 impl Scenario {
@@ -63,7 +67,7 @@ impl Scenario {
         });
         Ok(Self {
             faults: faults.collect::<Result<_>>()?,
-            is_free_running: false,
+            ..Self::default()
         })
     }
 }
@@ -83,6 +87,10 @@ pub struct Ran {
     pub frames_begun: u64,
     /// Number of lines that the left and the right sensor have ended.
     pub lines: [u64; 2],
+    /// What was written to the registers of the left and the right sensor: numbers and values, in this order.
+    pub sensor_writes: [Vec<[u8; 2]>; 2],
+    /// The lines of the board's log. Its report is the end of it.
+    pub log: Vec<String>,
 }
 
 /// Checks that a board's firmware is built for a request.
@@ -211,11 +219,7 @@ pub fn run(
     ensure_built_for(board, request)?;
     let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
     let path = |name: &str| folder.path().join(name);
-    let code = match board.simulation {
-        Some(Simulation { unit_lanes: 0, .. }) => PLAIN_CODE,
-        _ => CODE,
-    };
-    write_images(firmware, code, request, folder.path())?;
+    write_images(board, firmware, request, folder.path())?;
     write_views(pair, folder.path())?;
     let pixels = u64::from(pair.left.width()) * u64::from(pair.left.height());
     let frames = u64::from(request.frames) + scenario.faults.len() as u64 + 1;
@@ -232,6 +236,14 @@ pub fn run(
         .args(["--cycles", &longest.to_string()]);
     for fault in &scenario.faults {
         command.args(["--fault", fault]);
+    }
+    for (option, times_us) in [
+        ("--powered", scenario.powered_us),
+        ("--sda-held", scenario.sda_held_us),
+    ] {
+        for (side, us) in ["left", "right"].iter().zip(times_us) {
+            command.args([option, &format!("{side}:{us}")]);
+        }
     }
     if scenario.is_free_running {
         command.arg("--free-running");
@@ -263,11 +275,25 @@ pub fn run(
     );
     let report = report_of(&received).context("the board has sent no report")?;
     let report = report.map_err(|reason| anyhow::anyhow!("{}: {reason}", board.name))?;
-    let count = |name: &str| {
+    let told = |name: &str| {
         let mut lines = said.lines().filter_map(|line| line.split_once(' '));
         let found = lines.find(|line| line.0 == name);
-        let count = found.and_then(|line| line.1.parse().ok());
-        count.with_context(|| format!("the simulation does not tell {name}"))
+        let found = found.map(|(_, value)| value);
+        found.with_context(|| format!("the simulation does not tell {name}"))
+    };
+    let count = |name: &str| {
+        let count = told(name)?.parse::<u64>();
+        count.with_context(|| format!("the simulation tells no number for {name}"))
+    };
+    let writes = |name: &str| {
+        let digits = told(name)?.as_bytes().as_chunks::<4>().0;
+        let write = |digits: &[u8; 4]| {
+            let write = std::str::from_utf8(digits).ok();
+            let write = write.and_then(|digits| u16::from_str_radix(digits, 16).ok());
+            write.map(u16::to_be_bytes)
+        };
+        let writes: Option<Vec<_>> = digits.iter().map(write).collect();
+        writes.with_context(|| format!("the simulation tells no writes for {name}"))
     };
     let mut whole = Frames::default();
     for frame in received.frames.iter().filter(|frame| frame.is_whole) {
@@ -281,6 +307,8 @@ pub fn run(
         cycles: count("cycles")?,
         frames_begun: count("frames")?,
         lines: [count("left_lines")?, count("right_lines")?],
+        sensor_writes: [writes("left_writes")?, writes("right_writes")?],
+        log: received.log,
     })
 }
 
@@ -293,8 +321,20 @@ fn report_of(received: &Received) -> Option<Result<Report, String>> {
     received.log.join("\n").parse().ok().map(Ok)
 }
 
-/// Writes what the memories of code and data hold, with the request in its place.
-fn write_images(firmware: &Path, code: (u64, u64), request: &Request, folder: &Path) -> Result<()> {
+/// Writes what the memories of code and data hold, with the request in its place: `code.hex` and `data.hex`.
+///
+/// # Errors
+/// Fails with one line when the firmware or the request do not fit, or a file cannot be written.
+pub fn write_images(
+    board: &Board,
+    firmware: &Path,
+    request: &Request,
+    folder: &Path,
+) -> Result<()> {
+    let code = match board.simulation {
+        Some(Simulation { unit_lanes: 0, .. }) => PLAIN_CODE,
+        _ => CODE,
+    };
     let image = Image::read(firmware)?;
     let code = image.bytes(code.0, code.1)?;
     let mut data = image.bytes(DATA.0, DATA.1)?;
@@ -314,7 +354,8 @@ fn write_images(firmware: &Path, code: (u64, u64), request: &Request, folder: &P
         for word in bytes.as_chunks().0 {
             writeln!(lines, "{:08x}", u32::from_le_bytes(*word))?;
         }
-        fs::write(folder.join(name), lines).context("cannot write a temporary file")?;
+        let path = folder.join(name);
+        fs::write(&path, lines).with_context(|| format!("cannot write {}", path.display()))?;
     }
     Ok(())
 }

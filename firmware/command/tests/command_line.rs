@@ -29,7 +29,7 @@ fn help_names_every_verb_and_option() {
         .clone();
     let help = String::from_utf8(output.stdout).unwrap();
     for verb in [
-        "setup", "build", "lint", "run", "live", "verify", "bench", "size",
+        "setup", "build", "lint", "run", "live", "verify", "bench", "size", "image",
     ] {
         assert!(help.contains(&format!("  {verb}  ")), "{verb}: {help}");
     }
@@ -64,6 +64,10 @@ fn what_is_wrong_is_said_on_one_line() {
             "stm32f405, mps2-an500",
         ),
         (refusal(&["flash"]), "flash"),
+        (
+            refusal(&["image", "--board", "stm32f405", "--out", "never"]),
+            "not those of an FPGA",
+        ),
         (refusal(&["verify", "--left", "left.png"]), "--right"),
         (
             refusal(&["verify", "--calibration", "never.yaml"]),

@@ -2,8 +2,9 @@
 // ends of lines and beginnings of frames go into a queue to the system's clock. Between the domains
 // there is nothing else.
 //
-// HREF is high while pixels come; a frame begins when VSYNC rises. A pixel is taken at the rising
-// edge of PCLK, as OV7670 and its like present it.
+// HREF is high while bytes come; a frame begins when VSYNC rises. A byte is taken at the rising
+// edge of PCLK, as OV7670 and its like present it. A pixel is two bytes, of which the first is its grey, and the
+// second one, a colour, is left out.
 module dvp_pins #(
     parameter int QUEUE_BITS = 4
 ) (
@@ -43,11 +44,12 @@ module dvp_pins #(
     end
   end
 
+  logic is_colour;                         // the byte in `pixel`, while `href_q`
   logic [1:0] held;                        // pixels in `pixels`, 0 to 3
   logic [23:0] pixels;                     // the last three, the newest above
   wire begins = vsync_q && !vsync_qq;
   wire ends = href_qq && !href_q;
-  wire completes = href_q && held == 2'd3;
+  wire completes = href_q && !is_colour && held == 2'd3;
   logic push, full, lost;
   logic [36:0] event_in;
   always_comb begin
@@ -66,14 +68,17 @@ module dvp_pins #(
   end
   always_ff @(posedge pclk or negedge pclk_rst_n) begin
     if (!pclk_rst_n) begin
+      is_colour <= 1'b0;
       held <= '0;
       pixels <= '0;
       lost <= 1'b0;
     end else begin
-      if (href_q) begin
+      is_colour <= href_q && !is_colour;
+      if (!href_q) held <= '0;
+      else if (!is_colour) begin
         pixels <= {pixel, pixels[23:8]};
         held <= held + 2'd1;
-      end else held <= '0;
+      end
       if (push) lost <= full;
     end
   end

@@ -1,5 +1,5 @@
 // The system on a chip: VexRiscv, its memories, two camera ports, a serial port, a timer with a
-// watchdog, eight LEDs, and the stereo unit, which reads the data memory while the processor does not. The processor caches what is below 0x8000_0000.
+// watchdog, eight LEDs, the bus that sets the sensors up, and the stereo unit, which reads the data memory while the processor does not. The processor caches what is below 0x8000_0000.
 //
 //  0x0000_0000  code, fetched only
 //  0x1000_0000  data
@@ -8,6 +8,7 @@
 //  0x8200_0000  camera ports
 //  0x8300_0000  LEDs
 //  0x8400_0000  stereo unit, if there is one
+//  0x8500_0000  the sensors' I2C bus and reset
 module soc #(
     parameter int CLOCK_MHZ = 48,
     parameter int BIT_CYCLES = 16,         // of the serial port
@@ -25,6 +26,10 @@ module soc #(
     input  logic [7:0] left_d,
     input  logic       right_pclk, right_vsync, right_href,
     input  logic [7:0] right_d,
+    // The sensors' I2C bus, open drain: pins that are to be low, and what they are.
+    output logic       scl_low, left_sda_low, right_sda_low,
+    input  logic       scl, left_sda, right_sda,
+    output logic       sensors_rst_n,
     input  logic       rx,
     output logic       tx,
     output logic [7:0] leds,
@@ -97,9 +102,10 @@ module soc #(
   wire is_camera = region == 8'h82;
   wire is_leds = region == 8'h83;
   wire is_unit = region == 8'h84 && UNIT_LANES != 0;
+  wire is_i2c = region == 8'h85;
   wire reads = data_active && !data_we && !read_ack;
   logic [7:0] region_read;
-  logic [31:0] ram_data, uart_data, timer_data, camera_data, unit_data;
+  logic [31:0] ram_data, uart_data, timer_data, camera_data, unit_data, i2c_data;
   // The unit has the data memory when the processor is not at what is cached.
   logic unit_asks;
   logic [21:0] unit_word;
@@ -121,6 +127,11 @@ module soc #(
       .addr({data_adr[12:0], 2'b0}), .write_data(data_out), .read_data(camera_data),
       .has_room(camera_has_room), .may_begin(camera_may_begin));
 
+  i2c sensor_bus (
+      .clk, .rst_n(core_rst_n), .write(data_writes && is_i2c), .addr({data_adr[0], 2'b0}),
+      .write_data(data_out[11:0]), .read_data(i2c_data), .scl_low, .left_sda_low, .right_sda_low, .scl, .left_sda,
+      .right_sda, .sensors_rst_n);
+
   if (UNIT_LANES != 0) begin : stereo
     stereo_unit #(.LANES(UNIT_LANES)) unit (
         .clk, .rst_n(core_rst_n), .write(data_writes && is_unit), .addr({data_adr[10:0], 2'b0}),
@@ -138,7 +149,7 @@ module soc #(
     else if (data_writes && is_leds) leds <= data_out[7:0];
     if (!rst_n) bus_fault <= 1'b0;
     else if (core_rst_n) begin
-      if (data_active && !(is_data || is_uart || is_timer || is_camera || is_leds || is_unit))
+      if (data_active && !(is_data || is_uart || is_timer || is_camera || is_leds || is_unit || is_i2c))
         bus_fault <= 1'b1;
       if (data_active && is_data && data_adr[21:0] >= 22'(DATA_WORDS)) bus_fault <= 1'b1;
       if (code_active && code_adr >= 30'(CODE_WORDS)) bus_fault <= 1'b1;
@@ -151,6 +162,7 @@ module soc #(
       8'h82: data_in = camera_data;
       8'h83: data_in = {24'b0, leds};
       8'h84: data_in = unit_data;
+      8'h85: data_in = i2c_data;
       default: data_in = ram_data;
     endcase
   end

@@ -27,6 +27,7 @@ constexpr uint8_t LEDS_FAILED = 0xff;
 // Cycles of a bit of the serial port, as the RTL has it.
 constexpr unsigned BIT_CYCLES = 16;
 constexpr uint64_t RESET_CYCLES = 8;
+constexpr uint64_t CLOCK_MHZ = 48;
 // Cycles between two looks at standard input.
 constexpr uint64_t LOOK_CYCLES = 4096;
 
@@ -35,7 +36,18 @@ struct Options {
   std::vector<Fault> faults;
   bool is_held = true;
   uint64_t cycles = UINT64_MAX;
+  uint64_t power_cycles[2] = {0, 0};  // when each sensor gets its power
+  uint64_t held_cycles[2] = {0, 0};   // until when SDA of each is held low
 };
+
+// A time for one of the sensors: SIDE:US.
+void parse_time(const std::string &text, uint64_t (&cycles)[2]) {
+  const size_t colon = text.find(':');
+  const std::string side = text.substr(0, colon);
+  if (colon == std::string::npos || (side != "left" && side != "right"))
+    throw std::runtime_error(text + ": a time is left:US or right:US");
+  cycles[side == "left" ? LEFT : RIGHT] = std::stoull(text.substr(colon + 1)) * CLOCK_MHZ;
+}
 
 Options parse(int argc, char **argv) {
   Options options;
@@ -51,6 +63,8 @@ Options parse(int argc, char **argv) {
     if (name == "--left") options.left = value;
     else if (name == "--right") options.right = value;
     else if (name == "--fault") options.faults.push_back(Fault::parse(value));
+    else if (name == "--powered") parse_time(value, options.power_cycles);
+    else if (name == "--sda-held") parse_time(value, options.held_cycles);
     else if (name == "--cycles") options.cycles = std::stoull(value);
     else throw std::runtime_error("there is no option " + name);
   }
@@ -77,6 +91,15 @@ int run(VerilatedContext &context, const Options &options) {
     const Pins &left = sensors.left(), &right = sensors.right();
     soc.left_pclk = left.pclk, soc.left_vsync = left.vsync, soc.left_href = left.href, soc.left_d = left.d;
     soc.right_pclk = right.pclk, soc.right_vsync = right.vsync, soc.right_href = right.href, soc.right_d = right.d;
+    // The wires are pulled up, and low where anyone holds them.
+    SensorRegisters &left_bus = sensors.registers(LEFT), &right_bus = sensors.registers(RIGHT);
+    if (cycles == options.power_cycles[LEFT]) left_bus.set_power(true);
+    if (cycles == options.power_cycles[RIGHT]) right_bus.set_power(true);
+    soc.scl = !(soc.scl_low || left_bus.holds_scl() || right_bus.holds_scl());
+    soc.left_sda = !(soc.left_sda_low || left_bus.holds_sda() || cycles < options.held_cycles[LEFT]);
+    soc.right_sda = !(soc.right_sda_low || right_bus.holds_sda() || cycles < options.held_cycles[RIGHT]);
+    left_bus.step(soc.scl, soc.left_sda, soc.sensors_rst_n);
+    right_bus.step(soc.scl, soc.right_sda, soc.sensors_rst_n);
     if (soc.clk) {
       soc.rst_n = cycles >= RESET_CYCLES;
       soc.rx = to_board.step();
@@ -105,6 +128,12 @@ int run(VerilatedContext &context, const Options &options) {
   soc.final();
   fprintf(stderr, "cycles %llu\nframes %u\nleft_lines %u\nright_lines %u\n", static_cast<unsigned long long>(cycles),
           sensors.frames(), sensors.lines(LEFT), sensors.lines(RIGHT));
+  for (const Side side : {LEFT, RIGHT}) {
+    // Register and value of each write, four digits.
+    fprintf(stderr, "%s ", side == LEFT ? "left_writes" : "right_writes");
+    for (const uint16_t write : sensors.registers(side).writes()) fprintf(stderr, "%04x", write);
+    fprintf(stderr, "\n");
+  }
   switch (result) {
     case NO_END: fprintf(stderr, "not done after %llu cycles\n", static_cast<unsigned long long>(cycles)); break;
     case BUS_FAULT: fprintf(stderr, "the processor asked for an address that is not there\n"); break;

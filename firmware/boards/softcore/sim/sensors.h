@@ -1,11 +1,14 @@
 // Two image sensors with a parallel port each, and what can go wrong at their pins.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <fstream>
 #include <stdexcept>
 #include <string>
 #include <vector>
+
+#include "sensor_registers.h"
 
 // A grey image, 8 bit.
 struct Image {
@@ -43,7 +46,8 @@ struct Fault {
     FALSE_FRAME,   // VSYNC rises before the line, which comes all the same
     LATE_LINE,     // the line comes a line's time late
     BURST,         // from here to the end of the frame the sensors do not wait for room
-    STOPPED_CLOCK  // PCLK stops before the line, for 300 ms
+    STOPPED_CLOCK, // PCLK stops before the line, for 300 ms
+    LOST_POWER     // before the line; the sensor forgets its registers, and sends nothing until it is set up
   };
   uint32_t frame = 0, line = 0;
   Kind kind = SHORT_LINE;
@@ -53,7 +57,8 @@ struct Fault {
     static const std::pair<const char *, Kind> KINDS[] = {
         {"short-line", SHORT_LINE},   {"lost-line", LOST_LINE},     {"joined-lines", JOINED_LINES},
         {"early-frame", EARLY_FRAME}, {"false-frame", FALSE_FRAME}, {"late-line", LATE_LINE},
-        {"burst", BURST},             {"stopped-clock", STOPPED_CLOCK}};
+        {"burst", BURST},             {"stopped-clock", STOPPED_CLOCK},
+        {"lost-power", LOST_POWER}};
     const std::string problem = text + ": a fault is FRAME:LINE:KIND";
     Fault fault;
     char name[32] = "";
@@ -81,7 +86,7 @@ struct Pins {
   uint8_t d = 0;
 };
 
-// Times, in clocks of PCLK.
+// Times, in clocks of PCLK. A pixel takes two: its grey and a colour.
 constexpr uint32_t LINE_BLANK = 40;
 constexpr uint32_t VSYNC_HIGH = 20;
 constexpr uint32_t FRAME_BLANK = 60;
@@ -100,7 +105,7 @@ struct Place {
   }
 };
 
-// One sensor. It waits at each place until it is let go.
+// One sensor. It waits at each place until it is let go, and to be set up for the image's size.
 class Sensor {
  public:
   Sensor(const Image &image, const std::vector<Fault> &faults, Side side, uint32_t phase)
@@ -109,6 +114,20 @@ class Sensor {
   const Pins &pins() const { return pins_; }
   const Place &place() const { return place_; }
   bool waits() const { return at_ == script_.size(); }
+  bool is_set_up() const { return registers_.is_set_up(image_.width, image_.height); }
+  SensorRegisters &registers() { return registers_; }
+  // The next frame that has not begun.
+  uint32_t next_frame() const { return place_.frame + (place_.line >= 0); }
+
+  // Begins anew with this frame, once it is set up.
+  void begin_at(uint32_t frame) {
+    script_.clear();
+    at_ = 0;
+    has_begun_early_ = false;
+    place_ = {frame, -1};
+    // A line that was under way is no line.
+    pins_.vsync = pins_.href = false;
+  }
   uint32_t lines() const { return lines_; }
   uint32_t frames() const { return frames_; }
 
@@ -147,7 +166,7 @@ class Sensor {
     if (const Fault *fault = fault_at(line)) {
       switch (fault->kind) {
         case Fault::SHORT_LINE: add_line(line, image_.width / 2, true); break;
-        case Fault::LOST_LINE: add(image_.width + LINE_BLANK, false); break;
+        case Fault::LOST_LINE: add(2 * image_.width + LINE_BLANK, false); break;
         case Fault::JOINED_LINES:
           if (line + 1 == image_.height) {
             add_line(line, image_.width, true);
@@ -168,13 +187,17 @@ class Sensor {
           add_line(line, image_.width, true);
           break;
         case Fault::LATE_LINE:
-          add(image_.width + LINE_BLANK, false);
+          add(2 * image_.width + LINE_BLANK, false);
           add_line(line, image_.width, true);
           break;
         case Fault::STOPPED_CLOCK:
           stopped_ = 2 * STOP;
           add_line(line, image_.width, true);
           break;
+        case Fault::LOST_POWER:
+          registers_.set_power(false);
+          registers_.set_power(true);
+          return;
         case Fault::BURST: add_line(line, image_.width, true); break;
       }
     } else {
@@ -204,8 +227,11 @@ class Sensor {
   void add(uint32_t clocks, bool vsync) { script_.insert(script_.end(), clocks, Step{vsync, false, 0}); }
   void add_line(uint32_t line, uint32_t pixels, bool ends) {
     const uint8_t *row = &image_.pixels[size_t{line} * image_.width];
-    for (uint32_t x = 0; x < pixels; x++) script_.push_back({false, true, row[x]});
-    if (ends) add(LINE_BLANK + image_.width - pixels, false);
+    for (uint32_t x = 0; x < pixels; x++) {
+      script_.push_back({false, true, row[x]});
+      script_.push_back({false, true, static_cast<uint8_t>(~row[x])});
+    }
+    if (ends) add(LINE_BLANK + 2 * (image_.width - pixels), false);
   }
   void move_to(int64_t line) {
     place_.line = line;
@@ -223,9 +249,10 @@ class Sensor {
   uint64_t stopped_ = 0;
   bool has_begun_early_ = false;
   uint32_t lines_ = 0, frames_ = 0;
+  SensorRegisters registers_;
 };
 
-// Two sensors with one clock and one reset. Neither begins a line before the other can; if they wait
+// Two sensors with one clock, one reset, one SCL and an SDA each. Neither begins a line before the other can; if they wait
 // for room, that is how the firmware sets the pace.
 class SensorPair {
  public:
@@ -236,16 +263,26 @@ class SensorPair {
   const Pins &right() const { return right_.pins(); }
   uint32_t frames() const { return left_.frames(); }
   uint32_t lines(Side side) const { return side == LEFT ? left_.lines() : right_.lines(); }
+  SensorRegisters &registers(Side side) { return (side == LEFT ? left_ : right_).registers(); }
 
   void step(bool has_room, bool may_begin) {
+    const uint32_t resets = left_.registers().resets() + right_.registers().resets();
+    if (resets != resets_) {
+      // Whatever each was at: those that are reset together go on together.
+      const uint32_t frame = std::max(left_.next_frame(), right_.next_frame());
+      for (Sensor *sensor : {&left_, &right_})
+        if (!sensor->is_set_up()) sensor->begin_at(frame);
+      resets_ = resets;
+    }
     if (left_.waits() && right_.waits()) {
       // What one has lost, the other sends alone.
-      const bool left_first = left_.place() < right_.place(), right_first = right_.place() < left_.place();
-      const Sensor &first = right_first ? right_ : left_;
-      const bool goes = first.place().line < 0 ? may_begin && has_room : has_room || first.bursts();
-      if (goes || !is_held_) {
-        if (!right_first) left_.go();
-        if (!left_first) right_.go();
+      const bool left_goes = left_.is_set_up() && !(right_.is_set_up() && right_.place() < left_.place());
+      const bool right_goes = right_.is_set_up() && !(left_.is_set_up() && left_.place() < right_.place());
+      const Sensor &first = left_goes ? left_ : right_;
+      const bool may_go = first.place().line < 0 ? may_begin && has_room : has_room || first.bursts();
+      if (may_go || !is_held_) {
+        if (left_goes) left_.go();
+        if (right_goes) right_.go();
       }
     }
     left_.step();
@@ -256,4 +293,5 @@ class SensorPair {
   const std::vector<Fault> faults_;
   Sensor left_, right_;
   const bool is_held_;
+  uint32_t resets_ = 0;
 };

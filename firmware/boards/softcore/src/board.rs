@@ -34,8 +34,11 @@ static mut PACKET: [u8; PACKET_BYTES] = [0; PACKET_BYTES];
 #[unsafe(export_name = "request")]
 static REQUEST: [u8; 512] = [0; 512];
 
-// What the LEDs show.
-const LEDS_RUNNING: u32 = 0x01;
+/// What the LEDs show while the board runs.
+pub(crate) const LEDS_RUNNING: u32 = 0x01;
+/// The LED of the left sensor, when it does not answer; the next one is that of the right sensor.
+pub(crate) const LED_LEFT_SENSOR: u32 = 1;
+/// What they show when it has failed.
 const LEDS_FAILED: u32 = 0xff;
 
 /// Kernels of a program for this board.
@@ -54,9 +57,9 @@ pub(crate) fn run(kernels: impl BoardKernels) -> ! {
     // SAFETY: this is the only place that takes them, and it is reached once.
     let (memory, packet) = unsafe { (&mut *memory, &mut *packet) };
     let meter = Meter::new(Cycles);
-    let mut sender = Sender::new(SerialPort::new(), packet, &meter);
+    let sender = Sender::new(SerialPort::new(), packet, &meter);
     let mut watchdog = Timer::start();
-    let written = match serve(kernels, &mut sender, &mut watchdog, &meter, memory) {
+    let written = match serve(kernels, &sender, &mut watchdog, &meter, memory) {
         Ok(report) => {
             let stack_bytes = stack.worst_bytes() as u32;
             let report = Report {
@@ -90,7 +93,7 @@ struct Refusal(&'static str);
 #[inline(never)]
 fn serve(
     kernels: impl BoardKernels,
-    sender: &mut Sender<'_, SerialPort, Cycles>,
+    sender: &Sender<'_>,
     watchdog: &mut Timer,
     meter: &Meter<Cycles>,
     memory: &'static mut [u32],
@@ -99,7 +102,7 @@ fn serve(
     if request.is_live || request.calibration.is_some() || request.scan.is_some() {
         return Err(Refusal("this board has neither link, calibration nor scan"));
     }
-    let camera = Dvp::start(request.geometry);
+    let camera = Dvp::start(request.geometry, sender);
     let camera = camera.ok_or(Refusal(
         "the camera's lines are not of this format or length",
     ))?;

@@ -7,6 +7,8 @@ use crate::registers::{
     CAMERA_CONTROL, CAMERA_CYCLES, CAMERA_ENDED, CAMERA_LEVEL, CAMERA_LIMIT, CAMERA_PIXELS,
     CAMERA_PLACE, CAMERA_ROOM, CAMERA_STATUS, LineBytes,
 };
+use crate::sensors::Sensors;
+use crate::sink::Sender;
 
 // Bits of the status.
 const READY: u32 = 1 << 0;
@@ -19,6 +21,10 @@ const RESTART: u32 = 1 << 1;
 
 /// The longest wait for a pair, µs: longer than the gap between two frames.
 const LONGEST_WAIT_US: u32 = 200_000;
+
+/// Cycles in which a sensor sends a pixel at the least: two bytes, at half the system's clock. Lines that belong together
+/// end within half a line.
+const LEAST_PIXEL_CYCLES: u32 = 4;
 
 /// Place of a pair among all that the sensors have sent.
 #[derive(Clone, Copy)]
@@ -50,7 +56,11 @@ fn ended_us() -> u64 {
 /// whole frame may be: a line that finds none there is lost, with the rest of its frame. A frame is
 /// taken if all of it finds room when it begins, or, if it is larger than the ring, when that is empty; one that
 /// is not counts as lost for want of room. An error of the sensors' step costs what waits as well.
-pub(crate) struct Dvp {
+///
+/// Sensors that are not set up are, before a pair is read: at the start, and when no pair came or the step was lost, and
+/// they do not say that they still are.
+pub(crate) struct Dvp<'s, 'm> {
+    sensors: Sensors<'s, 'm>,
     geometry: Geometry,
     /// The number of the frame that came last; the port's has 16 bits.
     frame: u32,
@@ -62,18 +72,19 @@ pub(crate) struct Dvp {
     delivered: Option<Place>,
 }
 
-impl Dvp {
-    /// The ports, for lines of grey pixels. None if the lines are longer than the port's.
-    pub(crate) fn start(geometry: Geometry) -> Option<Self> {
+impl<'s, 'm> Dvp<'s, 'm> {
+    /// The ports, for lines of grey pixels. None if the lines are longer than the port's, or no window of the sensors
+    /// has this size.
+    pub(crate) fn start(geometry: Geometry, sender: &'s Sender<'m>) -> Option<Self> {
         let room = CAMERA_ROOM.read();
         let (lines, line_bytes) = (room >> 16, room & 0xffff);
         if geometry.line_bytes() > line_bytes as usize || !geometry.format.is_grey() {
             return None;
         }
         CAMERA_LEVEL.write(lines.saturating_sub(geometry.height));
-        // No pixel takes less than a cycle, so lines that belong together end within half a line.
-        CAMERA_LIMIT.write(u32::from(geometry.width) / 2);
+        CAMERA_LIMIT.write(u32::from(geometry.width) / 2 * LEAST_PIXEL_CYCLES);
         Some(Self {
+            sensors: Sensors::new(&geometry, sender)?,
             geometry,
             frame: u32::MAX,
             is_told: false,
@@ -94,6 +105,13 @@ impl Dvp {
                 return None;
             }
         }
+    }
+
+    /// Begins anew after an error that may come of a sensor that is not set up any more.
+    fn lost(&mut self, kind: ErrorKind) -> ErrorKind {
+        self.restart();
+        self.sensors.check();
+        kind
     }
 
     /// Forgets all lines, and waits for a frame that both sensors begin at one time.
@@ -128,11 +146,11 @@ impl Dvp {
     }
 }
 
-impl ErrorType for Dvp {
+impl ErrorType for Dvp<'_, '_> {
     type Error = ErrorKind;
 }
 
-impl LinePairSource for Dvp {
+impl LinePairSource for Dvp<'_, '_> {
     fn geometry(&self) -> Geometry {
         self.geometry
     }
@@ -144,14 +162,15 @@ impl LinePairSource for Dvp {
         if left.len() != usize::from(width) || right.len() != usize::from(width) {
             return Err(ErrorKind::Other);
         }
+        if self.sensors.make_ready()? {
+            self.restart();
+        }
         loop {
             let Some(status) = self.wait() else {
-                self.restart();
-                return Err(ErrorKind::Timeout);
+                return Err(self.lost(ErrorKind::Timeout));
             };
             if status & WITHOUT_PARTNER != 0 {
-                self.restart();
-                return Err(ErrorKind::SyncLost);
+                return Err(self.lost(ErrorKind::SyncLost));
             }
             let place = self.place();
             if let Some(kind) = self.fault(status, place) {
@@ -166,8 +185,7 @@ impl LinePairSource for Dvp {
             if is_long || (status & SKEWED != 0 && !is_short) {
                 // Two lines in one, or lines that do not belong together: from here on the numbers
                 // are wrong. Of a short line the end says nothing.
-                self.restart();
-                return Err(ErrorKind::SyncLost);
+                return Err(self.lost(ErrorKind::SyncLost));
             }
             self.last = Some(place);
             self.is_told = false;

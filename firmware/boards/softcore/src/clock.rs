@@ -1,5 +1,6 @@
 //! Time, cycles, and the watchdog.
 
+use embedded_hal::delay::DelayNs;
 use vgstereo_emulated::meter::Counter;
 use vgstereo_firmware::Watchdog;
 
@@ -18,6 +19,21 @@ pub(crate) fn now_us() -> u64 {
 /// The low word of the time, for spans.
 pub(crate) fn span_us() -> u32 {
     TIME_LOW_US.read()
+}
+
+/// Waits by the timer.
+pub(crate) struct Delay;
+
+impl DelayNs for Delay {
+    fn delay_ns(&mut self, ns: u32) {
+        self.delay_us(ns.div_ceil(1000));
+    }
+
+    fn delay_us(&mut self, us: u32) {
+        let begun_us = span_us();
+        // The microsecond that is now has begun before.
+        while span_us().wrapping_sub(begun_us) <= us {}
+    }
 }
 
 /// The processor's counter of cycles.
@@ -44,13 +60,18 @@ pub(crate) struct Timer(());
 impl Timer {
     /// Starts the watchdog. Nothing stops it but a reset.
     pub(crate) fn start() -> Self {
-        WATCHDOG_US.write(TIME_OUT_US);
+        feed();
         Self(())
     }
 }
 
+/// Feeds the watchdog, which runs from now on.
+pub(crate) fn feed() {
+    WATCHDOG_US.write(TIME_OUT_US);
+}
+
 impl Watchdog for Timer {
     fn feed(&mut self) {
-        WATCHDOG_US.write(TIME_OUT_US);
+        feed();
     }
 }

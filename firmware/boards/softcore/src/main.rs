@@ -5,7 +5,9 @@
 mod board;
 mod camera;
 mod clock;
+mod i2c;
 mod registers;
+mod sensors;
 mod sink;
 mod uart;
 mod unit;

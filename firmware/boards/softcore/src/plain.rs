@@ -5,8 +5,10 @@
 mod board;
 mod camera;
 mod clock;
+mod i2c;
 mod kernels;
 mod registers;
+mod sensors;
 mod sink;
 mod uart;
 

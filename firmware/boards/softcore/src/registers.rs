@@ -52,6 +52,8 @@ registers! {
     CAMERA_ROOM = 0x8200_0028;
     CAMERA_CYCLES = 0x8200_002c;
     LEDS = 0x8300_0000;
+    I2C_BYTE = 0x8500_0000;
+    SENSORS_RESET = 0x8500_0004;
 }
 
 /// The bytes of a view's line: its first word.

@@ -1,10 +1,11 @@
 //! The sink of a run: lines of disparities and confidences as packets of the link.
 
+use core::cell::RefCell;
 use core::convert::Infallible;
 use core::fmt::{self, Write};
 
 use vgstereo_core::DisparityLine;
-use vgstereo_emulated::meter::{Counter, Meter, Stage};
+use vgstereo_emulated::meter::{Meter, Stage};
 use vgstereo_emulated::serial::Uart;
 use vgstereo_firmware::{DisparitySink, Fault, FrameInfo};
 use vgstereo_link::board::{FrameBegun, Level};
@@ -12,7 +13,8 @@ use vgstereo_link::{
     BoardMessage, DELIMITER, Encoder, Line, PixelFormat, Region, Streams, Values, memory_bytes,
 };
 
-use crate::clock::now_us;
+use crate::clock::{Cycles, now_us};
+use crate::uart::SerialPort;
 
 /// Columns of the longest line.
 const WIDTH_MAX: u16 = 160;
@@ -24,32 +26,34 @@ pub(crate) const PACKET_BYTES: usize = memory_bytes(
     Streams::DISPARITIES.with(Streams::CONFIDENCES),
 );
 
-/// Sends whole lines, and waits for the port: nothing is left out.
-pub(crate) struct Sender<'m, U, C> {
-    port: U,
-    encoder: Encoder<'m>,
-    meter: &'m Meter<C>,
+/// Sends whole lines, and waits for the port: nothing is left out. It is lent to all that has something to send.
+pub(crate) struct Sender<'m> {
+    link: RefCell<(SerialPort, Encoder<'m>)>,
+    meter: &'m Meter<Cycles>,
 }
 
-impl<'m, U: Uart, C: Counter> Sender<'m, U, C> {
-    pub(crate) fn new(port: U, memory: &'m mut [u8], meter: &'m Meter<C>) -> Self {
-        let mut sender = Self {
-            port,
-            encoder: Encoder::new(memory),
-            meter,
-        };
+impl<'m> Sender<'m> {
+    pub(crate) fn new(
+        mut port: SerialPort,
+        memory: &'m mut [u8],
+        meter: &'m Meter<Cycles>,
+    ) -> Self {
         // What a host may have received before is no part of the first packet.
-        put(&mut sender.port, DELIMITER);
-        sender
+        put(&mut port, DELIMITER);
+        Self {
+            link: RefCell::new((port, Encoder::new(memory))),
+            meter,
+        }
     }
 
     #[inline(never)]
-    fn send(&mut self, message: &BoardMessage<'_>) {
-        let Self {
-            port,
-            encoder,
-            meter,
-        } = self;
+    fn send(&self, message: &BoardMessage<'_>) {
+        // Nothing sends while something is sent.
+        let Ok(mut link) = self.link.try_borrow_mut() else {
+            return;
+        };
+        let (port, encoder) = &mut *link;
+        let meter = self.meter;
         let packet = meter.measure(Stage::Link, || encoder.encode(now_us(), message));
         // Lines that a port delivers fit the memory.
         let Ok(packet) = packet else { return };
@@ -59,7 +63,7 @@ impl<'m, U: Uart, C: Counter> Sender<'m, U, C> {
     }
 
     /// Sends a text, each line of it by itself.
-    pub(crate) fn text(&mut self) -> impl Write {
+    pub(crate) fn text(&self) -> impl Write {
         Text {
             sender: self,
             line: [0; 64],
@@ -74,13 +78,13 @@ fn put(port: &mut impl Uart, byte: u8) {
 }
 
 /// A text on its way, line by line.
-struct Text<'s, 'm, U, C> {
-    sender: &'s mut Sender<'m, U, C>,
+struct Text<'s, 'm> {
+    sender: &'s Sender<'m>,
     line: [u8; 64],
     length: usize,
 }
 
-impl<U: Uart, C: Counter> Write for Text<'_, '_, U, C> {
+impl Write for Text<'_, '_> {
     fn write_str(&mut self, text: &str) -> fmt::Result {
         for byte in text.bytes() {
             if byte != b'\n' {
@@ -100,7 +104,7 @@ impl<U: Uart, C: Counter> Write for Text<'_, '_, U, C> {
     }
 }
 
-impl<U: Uart, C: Counter> DisparitySink for Sender<'_, U, C> {
+impl DisparitySink for &Sender<'_> {
     type Error = Infallible;
 
     fn begin_frame(&mut self, info: &FrameInfo) -> Result<(), Infallible> {

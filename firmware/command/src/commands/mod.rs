@@ -12,6 +12,7 @@ use crate::toolchain::{ensure_complete, install, needs};
 use selection::{Alone, Selection};
 
 pub mod bench;
+pub mod image;
 pub mod images;
 pub mod live;
 pub mod run;
@@ -47,6 +48,8 @@ enum Verb {
     Bench(Box<bench::Bench>),
     /// Show the bytes of flash and RAM that the firmware takes.
     Size(size::Size),
+    /// Write what the memories of softcore are loaded with on an FPGA.
+    Image(image::Image),
 }
 
 #[derive(Debug, Args)]
@@ -98,6 +101,7 @@ impl CommandLine {
             Verb::Verify(verify) => verify.run(),
             Verb::Bench(bench) => bench.run(),
             Verb::Size(size) => size.run(),
+            Verb::Image(image) => image.run(),
         }
     }
 }

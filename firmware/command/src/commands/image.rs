@@ -1,0 +1,52 @@
+//! `cargo firmware image`: what the memories of a board in RTL are loaded with.
+
+use std::fs;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use clap::Args;
+use vgstereo_core::Preset;
+
+use super::selection::Selection;
+use crate::board::Board;
+use crate::build::build;
+use crate::pair::Pair;
+use crate::simulation;
+use crate::toolchain::ensure_complete;
+
+/// Columns, lines and disparities of the frames.
+const FRAME: (u32, u32, u16) = (160, 120, 32);
+
+/// The arguments of `image`.
+#[derive(Debug, Args)]
+pub struct Image {
+    /// Folder for code.hex and data.hex, a line for each word.
+    #[arg(long, value_name = "FOLDER")]
+    out: PathBuf,
+    /// Whole frames of 160x120 px and 32 disparities to match; as good as for ever without this option.
+    #[arg(long, value_name = "N", default_value_t = u32::MAX, hide_default_value = true)]
+    frames: u32,
+    #[command(flatten)]
+    selection: Selection,
+}
+
+impl Image {
+    /// Builds the firmware of the board in RTL and writes its image.
+    ///
+    /// # Errors
+    /// Fails with one line that says what is missing, does not build or cannot be written, or that the board has no
+    /// such memories.
+    pub fn run(self) -> Result<String> {
+        let mut boards = self.selection.boards().into_iter();
+        let board = boards.find(|board: &Board| board.simulation.is_some());
+        let board = board.context("the board's memories are not those of an FPGA")?;
+        ensure_complete(&[board])?;
+        let (width, height, disparities) = FRAME;
+        let pair = Pair::rendered(width, height, disparities);
+        let request = pair.request(Preset::Lite, self.frames, &[])?;
+        fs::create_dir_all(&self.out)
+            .with_context(|| format!("cannot write {}", self.out.display()))?;
+        simulation::write_images(&board, &build(&board)?, &request, &self.out)?;
+        Ok(format!("{}\n", self.out.display()))
+    }
+}
