@@ -36,14 +36,19 @@ module unit_costs #(
   wire [6:0] last_block = (disparities - 1'b1) / 7'(LANES);
 
   logic [47:0] window[DISPARITIES];
+  logic is_within[DISPARITIES];
   logic [6:0] missing;
   logic [BLOCK_AT-1:0] block;
   logic [31:0] own;
   logic [7:0] own_level, own_truncation;
   logic [15:0] own_cell_q8;
-  // What is under way.
-  logic made_1, made_2;
-  logic [BLOCK_AT-1:0] block_1, block_2;
+  // What is under way: what is compared, then what differs, then products.
+  logic made_0, made_1, made_2;
+  logic [BLOCK_AT-1:0] block_0, block_1, block_2;
+  logic [31:0] differing_0[LANES];
+  logic [15:0] levels_0[LANES];
+  logic [7:0] level_0, truncation_0;
+  logic [15:0] cell_q8_0;
   logic [5:0] cells_1[LANES];
   logic [7:0] difference_1[LANES];
   logic [7:0] truncation_1, truncation_2;
@@ -75,7 +80,7 @@ module unit_costs #(
   always_ff @(posedge clk) begin
     if (!rst_n) begin
       state <= IDLE;
-      {made_1, made_2, write} <= '0;
+      {made_0, made_1, made_2, write} <= '0;
     end else begin
       case (state)
         IDLE: if (start) begin
@@ -104,23 +109,26 @@ module unit_costs #(
             state <= pixel + 1'b1 == pixels ? DRAIN : MOVE;
           end
         end
-        DRAIN: if (!made_1 && !made_2) state <= IDLE;
+        DRAIN: if (!made_0 && !made_1 && !made_2) state <= IDLE;
       endcase
-      made_1 <= state == BLOCK;
-      made_2 <= made_1;
+      made_0 <= state == BLOCK;
+      {made_1, made_2} <= {made_0, made_1};
       write <= made_2;
       if (made_2) write_at <= write_at + 1'b1;
     end
-    {block_1, block_2} <= {block, block_1};
-    {truncation_1, truncation_2} <= {own_truncation, truncation_1};
-    cell_q8_1 <= own_cell_q8;
+    {block_0, block_1, block_2} <= {block, block_0, block_1};
+    {level_0, truncation_0, cell_q8_0} <= {own_level, own_truncation, own_cell_q8};
+    {truncation_1, truncation_2} <= {truncation_0, truncation_1};
+    cell_q8_1 <= cell_q8_0;
+    for (int d = 0; d < DISPARITIES; d++) is_within[d] <= 7'(d) < disparities;
     for (int lane = 0; lane < LANES; lane++) begin
-      cells_1[lane] <= ones(own ^ window[block*LANES+lane][31:0]);
-      difference_1[lane] <= difference(own_level, window[block*LANES+lane][39:32],
-          window[block*LANES+lane][47:40], difference_truncation);
+      differing_0[lane] <= own ^ window[block*LANES+lane][31:0];
+      levels_0[lane] <= window[block*LANES+lane][47:32];
+      cells_1[lane] <= ones(differing_0[lane]);
+      difference_1[lane] <= difference(level_0, levels_0[lane][7:0], levels_0[lane][15:8], difference_truncation);
       product_2[lane] <= 16'(cells_1[lane]) * cell_q8_1;
       weighted_2[lane] <= 16'(difference_1[lane]) * 16'(difference_weight_q4);
-      costs[8*lane+:8] <= 7'(block_2) * 7'(LANES) + 7'(lane) < disparities
+      costs[8*lane+:8] <= is_within[block_2*LANES+lane]
           ? cost(product_2[lane], weighted_2[lane], truncation_2) : 8'hff;
     end
   end

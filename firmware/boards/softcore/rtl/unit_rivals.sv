@@ -22,7 +22,15 @@ module unit_rivals #(
   localparam int BLOCK_AT = BLOCKS > 1 ? $clog2(BLOCKS) : 1;
   // Disparities beyond a multiple of four are left out.
   wire [6:0] used = {disparities[6:2], 2'b0};
-  wire [6:0] last_block = (disparities - 1'b1) / 7'(LANES);
+  // They stay as they are during a run.
+  logic [6:0] last_block;
+  logic [WORD_AT-1:0] blocks;
+  logic is_within[DISPARITIES];
+  always_ff @(posedge clk) begin
+    last_block <= (disparities - 1'b1) / 7'(LANES);
+    blocks <= WORD_AT'(last_block + 1'b1);
+    for (int d = 0; d < DISPARITIES; d++) is_within[d] <= 7'(d) < used;
+  end
   typedef enum logic [2:0] {IDLE, ENTER, LEAVE, LEAST, BOUND, WALL, LOOK, NEXT} state_t;
   state_t state;
 
@@ -40,7 +48,7 @@ module unit_rivals #(
   logic [7:0] window_start, window_end;
   wire [7:0] samples = (window_end - window_start) >> 1;
   wire [7:0] column = state == LEAVE ? gone : entered;
-  assign costs_at = WORD_AT'(column) * WORD_AT'(last_block + 1'b1) + WORD_AT'(block);
+  assign costs_at = WORD_AT'(column) * blocks + WORD_AT'(block);
 
   logic begins;                  // the least of a group
   logic [14:0] least, least_1;
@@ -60,9 +68,9 @@ module unit_rivals #(
   logic [LANES-1:0] is_used;
   always_comb begin
     for (int lane = 0; lane < LANES; lane++) begin
-      automatic logic [6:0] d = 7'(block) * 7'(LANES) + 7'(lane);
-      is_used[lane] = d < used;
-      values[lane] = is_used[lane] ? sum[6'(d)] : '1;
+      automatic logic [5:0] d = 6'(block) * 6'(LANES) + 6'(lane);
+      is_used[lane] = is_within[d];
+      values[lane] = is_used[lane] ? sum[d] : '1;
     end
   end
   // Low, high, low, in this order.

@@ -52,12 +52,14 @@ module unit_selection #(
   wire moves = valid && block == 0;
   wire [BLOCK_AT-1:0] at = block[BLOCK_AT-1:0];
   logic [15:0] keys[LANES];
+  logic is_within[DISPARITIES];
   always_comb begin
     for (int lane = 0; lane < LANES; lane++) begin
-      automatic logic [6:0] d = 7'(at) * 7'(LANES) + 7'(lane);
-      keys[lane] = d < disparities ? {sums[10*lane+:10], d[5:0]} : NONE;
+      automatic logic [5:0] d = 6'(at) * 6'(LANES) + 6'(lane);
+      keys[lane] = is_within[d] ? {sums[10*lane+:10], d} : NONE;
     end
   end
+  always_ff @(posedge clk) for (int d = 0; d < DISPARITIES; d++) is_within[d] <= 7'(d) < disparities;
   always_ff @(posedge clk) begin
     if (!rst_n) begin
       {left, other_write, moved, ends} <= '0;
@@ -104,7 +106,7 @@ module unit_selection #(
     for (int lane = 0; lane < LANES; lane++) begin
       automatic logic [6:0] d = 7'(scan) * 7'(LANES) + 7'(lane);
       automatic logic is_near = d + 7'd1 >= 7'(picked_index) && d <= 7'(picked_index) + 7'd1;
-      others[lane] = is_near || d >= disparities ? NONE : {sum[6'(d)], 6'd0};
+      others[lane] = is_near || !is_within[6'(d)] ? NONE : {sum[6'(d)], 6'd0};
     end
   end
   always_ff @(posedge clk) begin
@@ -161,18 +163,15 @@ module unit_selection #(
   logic is_weak;
   logic [10:0] divisor;
   logic [9:0] difference;
-  logic [3:0] steps;
+  // Whether the step is at least half of an odd number of sixteenths; 1, 3, and so on.
+  logic [7:0] passed;
+  wire [3:0] steps = 4'($countones(passed));
   function automatic logic [9:0] relief_of(input logic [9:0] larger, input logic [7:0] relief);
     logic [12:0] five;
     five = 13'(larger) * 13'd5;
     return five[12:4] < 9'(relief) ? 10'(five[12:4]) : 10'(relief);
   endfunction
   wire [9:0] relief_now = relief_of(larger, relief);
-  always_comb begin
-    steps = '0;
-    for (int half = 1; half < 16; half += 2)
-      steps += 4'(16'(difference) * 16'd16 >= 16'(divisor) * 16'(half) && divisor != 0);
-  end
   always_ff @(posedge clk) begin
     made <= rst_n ? {made[4:0], done} : '0;
     for (int i = 1; i < 6; i++) begin
@@ -197,12 +196,14 @@ module unit_selection #(
     is_negative[3] <= is_negative[2];
     divisor <= 11'(larger_relieved) + (is_weak ? 11'(smaller_relieved) : '0);
     difference <= larger_relieved - smaller_relieved;
+    for (int i = 0; i < 8; i++)
+      passed[i] <= 16'(difference) * 16'd16 >= 16'(divisor) * 16'(2 * i + 1) && divisor != 0;
     is_negative[4] <= is_negative[3];
-    best_write <= made[3];
-    best_at <= pixel_s[3];
-    best <= index_s[3];
-    margin <= margin_s[3];
-    step_q4 <= !has_s[3] ? '0 : is_negative[3] ? -5'(steps) : 5'(steps);
+    best_write <= made[4];
+    best_at <= pixel_s[4];
+    best <= index_s[4];
+    margin <= margin_s[4];
+    step_q4 <= !has_s[4] ? '0 : is_negative[4] ? -5'(steps) : 5'(steps);
   end
   assign busy = valid || ends || left != 0 || other_write || valid_0 || valid_1 || chosen || scans || scanned_0
       || scanned_1 || done || made != '0 || best_write;

@@ -11,7 +11,7 @@ module unit_windows (
     // A column: levels in the low bytes, or disparities.
     output logic [7:0]  column,
     input  logic [15:0] top, middle, bottom,
-    // Levels of a column, and what is made of them three cycles later.
+    // Levels of a column, and what is made of them four cycles later.
     output logic [7:0]  level, neighbour,
     input  logic [7:0]  level_result,
     // A word of the results.
@@ -43,7 +43,7 @@ module unit_windows (
 
   // What is under way: a column in the window, and the pixels of the later stages.
   logic is_median, is_levels, comes, whole;
-  logic [2:0] made;
+  logic [3:0] made;
   logic [15:0] window[3][3];
   wire [7:0] last_column = is_levels ? pixels - 1'b1 : pixels + 1'b1;
   assign level = window[0][2][7:0];
@@ -60,7 +60,7 @@ module unit_windows (
   // Bytes of the results.
   logic [8:0] at;
   logic [7:0] left;
-  wire writes_now = made[2];
+  wire writes_now = is_levels ? made[3] : made[2];
   wire [1:0] lane = at[1:0];
   wire ends = left == 8'd1;
   assign busy = comes || made != 0 || write || left != 0;
@@ -79,7 +79,7 @@ module unit_windows (
       end else if (column == last_column) comes <= 1'b0;
       if (comes) column <= column + 1'b1;
       whole <= comes && (is_levels || column >= 8'd2);
-      made <= {made[1:0], whole};
+      made <= {made[2:0], whole};
       write <= writes_now && (ends || (is_median ? lane[1] : lane == 2'd3));
       if (writes_now) begin
         at <= at + (is_median ? 9'd2 : 9'd1);
