@@ -269,8 +269,9 @@ impl Board {
         Self { simulation, ..self }
     }
 
-    /// Returns whether [`ALL`](Self::ALL) has a board before it that its target and kernels are those of, and that is
-    /// emulated if this is: what runs on both is tested there.
+    /// Returns whether it is a variant of another board: one before it in [`ALL`](Self::ALL), of the same compiler target
+    /// and thus with the same kernels, and like it emulated or not. The tests of a variant run only when they are asked
+    /// for.
     #[must_use]
     pub fn is_variant(&self) -> bool {
         let is_alike = |other: &Self| {

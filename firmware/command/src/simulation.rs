@@ -11,6 +11,7 @@ use anyhow::{Context, Result, bail, ensure};
 use vgstereo_emulated::{Report, Request};
 use vgstereo_firmware::camera::ErrorKind;
 use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
+use vgstereo_sim::files::write_files;
 
 use crate::board::{Board, Simulation};
 use crate::elf::{self, Image};
@@ -87,7 +88,8 @@ pub struct Ran {
     pub frames_begun: u64,
     /// Number of lines that the left and the right sensor have ended.
     pub lines: [u64; 2],
-    /// What was written to the registers of the left and the right sensor: numbers and values, in this order.
+    /// The writes to the registers of the left and of the right sensor, in the order of time: the number of a register
+    /// and its new value.
     pub sensor_writes: [Vec<[u8; 2]>; 2],
     /// The lines of the board's log. Its report is the end of it.
     pub log: Vec<String>,
@@ -349,15 +351,15 @@ pub fn write_images(
     if let Some(place) = place.get_mut(..text.len()) {
         place.copy_from_slice(text.as_bytes());
     }
+    let mut files = Vec::new();
     for (name, bytes) in [("code.hex", code), ("data.hex", data)] {
         let mut lines = String::new();
         for word in bytes.as_chunks().0 {
             writeln!(lines, "{:08x}", u32::from_le_bytes(*word))?;
         }
-        let path = folder.join(name);
-        fs::write(&path, lines).with_context(|| format!("cannot write {}", path.display()))?;
+        files.push((folder.join(name), lines.into_bytes()));
     }
-    Ok(())
+    write_files(&files)
 }
 
 /// Writes what the sensors see.

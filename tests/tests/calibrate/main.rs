@@ -55,14 +55,9 @@ fn main() {
     let mut trials = Vec::new();
     let mut add = |name: &str, needed: &[&Option<PathBuf>], test: Test| {
         let folders: Option<Vec<PathBuf>> = needed.iter().map(|&folder| folder.clone()).collect();
-        let absent = python.is_none() || folders.is_none();
-        let python = python.clone();
-        let run = move || {
-            let python = python.context("there is no Python with OpenCV")?;
-            test(&python, &folders.context("a folder is missing")?)
-        };
-        let run = move || run().map_err(|error| Failed::from(format!("{error:#}")));
-        trials.push(Trial::test(name, run).with_ignored_flag(absent));
+        let is_absent = folders.is_none();
+        let test = move |python: &Python| test(python, &folders.context("a folder is missing")?);
+        trials.push(trial(name, &python, is_absent, test));
     };
     add("names", &[], Box::new(|python, _| names(python)));
     add("numbering", &[], Box::new(|python, _| numbering(python)));
@@ -106,9 +101,28 @@ fn main() {
             }),
         );
     }
-    trials.push(walk::trial(python.clone()));
-    trials.push(over_link::trial(python));
+    trials.push(trial("walk", &python, false, walk::walk));
+    trials.push(trial(
+        "over_link",
+        &python,
+        over_link::is_absent(),
+        over_link::walk,
+    ));
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
+}
+
+/// Returns a test with this Python, ignored if that or anything else that it needs is absent.
+fn trial(
+    name: &str,
+    python: &Option<Python>,
+    is_absent: bool,
+    test: impl FnOnce(&Python) -> Result<()> + Send + 'static,
+) -> Trial {
+    let is_absent = is_absent || python.is_none();
+    let python = python.clone();
+    let run = move || test(&python.context("there is no Python with OpenCV")?);
+    let run = move || run().map_err(|error| Failed::from(format!("{error:#}")));
+    Trial::test(name, run).with_ignored_flag(is_absent)
 }
 
 type Test = Box<dyn FnOnce(&Python, &[PathBuf]) -> Result<()> + Send>;

@@ -13,7 +13,6 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
 use image::ImageReader;
-use libtest_mimic::{Failed, Trial};
 use vgstereo_boards::board::{Board, MPS2_AN500};
 use vgstereo_boards::bridge::Damage;
 use vgstereo_boards::build::build;
@@ -43,21 +42,15 @@ const DISPARITIES: u16 = 60;
 /// Longest time that anything may take.
 const LONG: Duration = Duration::from_secs(120);
 
-/// Returns the test.
-pub(crate) fn trial(python: Option<Python>) -> Trial {
-    let is_absent = python.is_none() || toolchain::ensure_complete(&[BOARD]).is_err();
-    let run = move || -> Result<()> {
-        let folder = tempfile::tempdir()?;
-        walk(
-            &python.context("there is no Python with OpenCV")?,
-            folder.path(),
-        )
-    };
-    let run = move || run().map_err(|error| Failed::from(format!("{error:#}")));
-    Trial::test("over_link", run).with_ignored_flag(is_absent)
+/// Returns whether the board's compiler or its emulator is missing.
+pub(crate) fn is_absent() -> bool {
+    toolchain::ensure_complete(&[BOARD]).is_err()
 }
 
-fn walk(python: &Python, folder: &Path) -> Result<()> {
+/// Takes the walk.
+pub(crate) fn walk(python: &Python) -> Result<()> {
+    let folder = tempfile::tempdir()?;
+    let folder = folder.path();
     let [poses, pictures] = ["poses", "pictures"].map(|name| folder.join(name));
     let [calibration, cameras] = ["calibration.yml", "cameras.vgr"].map(|name| folder.join(name));
     vgstereo([&"demo", &"--board", &poses, &"--poses", &POSES.to_string()])?;

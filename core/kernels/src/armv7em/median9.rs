@@ -6,7 +6,7 @@ use super::simd::{max_i16x2, min_i16x2, pair_of};
 
 /// Two columns of three values, each sorted: the two least, the two middle and the two largest
 /// values.
-type Columns = [u32; 3];
+pub(crate) type Columns = [u32; 3];
 
 /// Equals [`kernel::median9_row`] bit for bit.
 #[inline(never)]
@@ -27,10 +27,10 @@ fn filter(rows: [&[i16]; 3], output: &mut [i16]) -> Option<()> {
         *first = pair_of(own);
         *pairs = rest.get(..outputs.len())?;
     }
-    let mut before = sorted(firsts);
+    let mut before = sorted::<Simd>(firsts);
     for (index, output) in outputs.iter_mut().enumerate() {
-        let after = sorted(pairs.map(|pairs| pairs.get(index).map_or(0, pair_of)));
-        let medians = medians(before, after);
+        let after = sorted::<Simd>(pairs.map(|pairs| pairs.get(index).map_or(0, pair_of)));
+        let medians = medians::<Simd>(before, after);
         *output = [medians as i16, (medians >> 16) as i16];
         before = after;
     }
@@ -40,35 +40,65 @@ fn filter(rows: [&[i16]; 3], output: &mut [i16]) -> Option<()> {
         for (after, row) in after.iter_mut().zip(rows) {
             *after = pair_of(&[*row.get(width + 1)?, 0]);
         }
-        *output = medians(before, sorted(after)) as i16;
+        *output = medians::<Simd>(before, sorted::<Simd>(after)) as i16;
     }
     Some(())
 }
 
-/// Returns the medians of the two pixels in the middle of four sorted columns.
-#[inline(always)]
-fn medians(before: Columns, after: Columns) -> u32 {
-    // The three operands of each step are columns 0 and 1, columns 1 and 2, and columns 2 and 3.
-    let middle: Columns = core::array::from_fn(|i| before[i] >> 16 | after[i] << 16);
-    let low = max_i16x2(max_i16x2(before[0], middle[0]), after[0]);
-    let half = middle_of(before[1], middle[1], after[1]);
-    let high = min_i16x2(min_i16x2(before[2], middle[2]), after[2]);
-    middle_of(low, half, high)
+/// Operations on words of two signed halfwords, the pixel on the left in the low one.
+pub(crate) trait Pairs {
+    /// The lesser halfword of each lane.
+    fn lesser(a: u32, b: u32) -> u32;
+
+    /// The greater halfword of each lane.
+    fn greater(a: u32, b: u32) -> u32;
+
+    /// The high halfword of the first word, and the low one of the second.
+    #[inline(always)]
+    fn between(before: u32, after: u32) -> u32 {
+        before >> 16 | after << 16
+    }
 }
 
+struct Simd;
+
+impl Pairs for Simd {
+    #[inline(always)]
+    fn lesser(a: u32, b: u32) -> u32 {
+        min_i16x2(a, b)
+    }
+
+    #[inline(always)]
+    fn greater(a: u32, b: u32) -> u32 {
+        max_i16x2(a, b)
+    }
+}
+
+/// Returns the medians of the two pixels in the middle of four sorted columns.
 #[inline(always)]
-fn sorted([a, b, c]: [u32; 3]) -> Columns {
-    let (low, high) = (min_i16x2(a, b), max_i16x2(a, b));
-    let middle = min_i16x2(high, c);
+pub(crate) fn medians<P: Pairs>(before: Columns, after: Columns) -> u32 {
+    // The three operands of each step are columns 0 and 1, columns 1 and 2, and columns 2 and 3.
+    let middle: Columns = core::array::from_fn(|i| P::between(before[i], after[i]));
+    let low = P::greater(P::greater(before[0], middle[0]), after[0]);
+    let half = middle_of::<P>(before[1], middle[1], after[1]);
+    let high = P::lesser(P::lesser(before[2], middle[2]), after[2]);
+    middle_of::<P>(low, half, high)
+}
+
+/// Sorts two columns of three values.
+#[inline(always)]
+pub(crate) fn sorted<P: Pairs>([a, b, c]: [u32; 3]) -> Columns {
+    let (low, high) = (P::lesser(a, b), P::greater(a, b));
+    let middle = P::lesser(high, c);
     [
-        min_i16x2(low, c),
-        max_i16x2(low, middle),
-        max_i16x2(high, c),
+        P::lesser(low, c),
+        P::greater(low, middle),
+        P::greater(high, c),
     ]
 }
 
 #[inline(always)]
-fn middle_of(a: u32, b: u32, c: u32) -> u32 {
-    let (low, high) = (min_i16x2(a, b), max_i16x2(a, b));
-    max_i16x2(low, min_i16x2(high, c))
+fn middle_of<P: Pairs>(a: u32, b: u32, c: u32) -> u32 {
+    let (low, high) = (P::lesser(a, b), P::greater(a, b));
+    P::greater(low, P::lesser(high, c))
 }

@@ -11,7 +11,7 @@ mod check;
 mod convert;
 pub(crate) mod cost;
 mod mask;
-mod median9;
+pub(crate) mod median9;
 #[cfg(all(dsp_extension, feature = "memory-functions"))]
 #[allow(unsafe_code)]
 mod memory;

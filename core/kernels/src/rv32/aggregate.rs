@@ -23,40 +23,58 @@ const TOPS: u32 = splat_u8(0x80);
 
 /// Equals [`kernel::aggregate_paths`] bit for bit.
 pub(super) fn aggregate_paths(row: &mut AggregateRow<'_>) {
-    if aggregate(row).is_none() {
+    let steps = Bytewise {
+        p1: row.p1.into(),
+        disparities: row.disparities,
+    };
+    if aggregate(row, steps).is_none() {
         kernel::aggregate_paths(row);
     }
 }
 
-/// Aggregates a row; returns `None` if the rows are not aligned to words.
+/// Steps along the paths of a row, whose costs and path costs are words of four disparities each.
+pub(crate) trait Steps {
+    /// The least of these costs, in the form in which [`take`](Self::take) takes and returns it.
+    fn least_of(&self, costs: &[Cell<u32>]) -> u32;
+
+    /// Writes the path costs of the next pixel of a path and returns their least, given the penalty of a larger step,
+    /// and the path costs of the previous pixel and their least. `next` may be the same memory as `previous` or as
+    /// `costs`.
+    fn take(
+        &self,
+        p2: u8,
+        least: u32,
+        previous: &[Cell<u32>],
+        costs: &[Cell<u32>],
+        next: &[Cell<u32>],
+    ) -> u32;
+}
+
+/// Aggregates a row by these steps; returns `None` if the rows are not aligned to words.
 #[inline(never)]
-fn aggregate(row: &mut AggregateRow<'_>) -> Option<()> {
+pub(crate) fn aggregate(row: &mut AggregateRow<'_>, steps: impl Steps) -> Option<()> {
     let words = (row.stride / QUAD).max(1);
-    let disparities = row.disparities;
     let costs = cells(row.costs)?.chunks_exact(words);
     let (from_right, from_above) = (cells(row.from_right)?, cells(row.from_above)?);
-    let p1 = row.p1.into();
 
     // From the right. `p2` is the penalty between a pixel and the one on its right.
     let (mut previous, mut p2) = (None, 0);
     let pixels = costs.clone().zip(from_right.chunks_exact(words));
     for ((costs, from_right), &p2_left) in pixels.zip(row.p2_along).rev() {
         let least = match previous {
-            None => begin(costs, from_right),
-            Some((previous, least)) => {
-                Step { p1, p2, least }.take(previous, costs, from_right, disparities)
-            }
+            None => begin(&steps, costs, from_right),
+            Some((previous, least)) => steps.take(p2, least, previous, costs, from_right),
         };
-        (previous, p2) = (Some((from_right, least)), p2_left.into());
+        (previous, p2) = (Some((from_right, least)), p2_left);
     }
 
     let pixels = costs.clone().zip(from_above.chunks_exact(words));
     for ((costs, from_above), &p2) in pixels.zip(row.p2_down) {
         if row.is_first {
-            begin(costs, from_above);
+            begin(&steps, costs, from_above);
         } else {
-            let (p2, least) = (p2.into(), least_of(from_above));
-            Step { p1, p2, least }.take(from_above, costs, from_above, disparities);
+            let least = steps.least_of(from_above);
+            steps.take(p2, least, from_above, costs, from_above);
         }
     }
 
@@ -64,11 +82,8 @@ fn aggregate(row: &mut AggregateRow<'_>) -> Option<()> {
     let mut previous = None;
     for (costs, &p2) in costs.zip(row.p2_along) {
         let least = match previous {
-            None => least_of(costs),
-            Some((previous, least)) => {
-                let p2 = p2.into();
-                Step { p1, p2, least }.take(previous, costs, costs, disparities)
-            }
+            None => steps.least_of(costs),
+            Some((previous, least)) => steps.take(p2, least, previous, costs, costs),
         };
         previous = Some((costs, least));
     }
@@ -82,11 +97,17 @@ fn cells(row: &mut [u8]) -> Option<&[Cell<u32>]> {
 }
 
 /// A path begins with the costs of its first pixel, of which the least is returned.
-fn begin(costs: &[Cell<u32>], path: &[Cell<u32>]) -> u32 {
+fn begin(steps: &impl Steps, costs: &[Cell<u32>], path: &[Cell<u32>]) -> u32 {
     for (path, cost) in path.iter().zip(costs) {
         path.set(cost.get());
     }
-    least_of(costs)
+    steps.least_of(costs)
+}
+
+/// Steps that take one disparity after the other, but where all four of a word take the penalty of a larger step.
+struct Bytewise {
+    p1: u32,
+    disparities: usize,
 }
 
 /// The least of these costs.
@@ -102,29 +123,25 @@ fn least_of(costs: &[Cell<u32>]) -> u32 {
     found
 }
 
-/// A step along a path.
-struct Step {
-    p1: u32,
-    p2: u32,
-    /// Least path cost of the previous pixel.
-    least: u32,
-}
+impl Steps for Bytewise {
+    fn least_of(&self, costs: &[Cell<u32>]) -> u32 {
+        least_of(costs)
+    }
 
-impl Step {
-    /// Takes the step and returns the least path cost of the next pixel. `next` may be the same memory as
-    /// `previous` or as `costs`.
     #[inline(always)]
     fn take(
         &self,
+        p2: u8,
+        least: u32,
         previous: &[Cell<u32>],
         costs: &[Cell<u32>],
         next: &[Cell<u32>],
-        disparities: usize,
     ) -> u32 {
         let Some((first, above)) = previous.split_first() else {
             return u32::MAX;
         };
-        let mut run = Run::new(self, first.get());
+        let p2 = p2.into();
+        let mut run = Run::new(self.p1, p2, least, first.get());
         let (above, last_above) = above.as_chunks::<BLOCK>();
         let (costs, next_blocks) = (costs.as_chunks::<BLOCK>().0, next.as_chunks::<BLOCK>().0);
         // Not by a closure, which the compiler would not inline so often.
@@ -145,9 +162,9 @@ impl Step {
             run.step(above[2].get(), &costs[2], &next[2]);
             run.step(FAR, &costs[3], &next[3]);
         }
-        forget_beyond(next, disparities);
+        forget_beyond(next, self.disparities);
         // Path costs with the larger penalty were left out.
-        if run.least_next > self.p2 {
+        if run.least_next > p2 {
             least_of(next)
         } else {
             run.least_next
@@ -199,16 +216,16 @@ struct Run {
 
 impl Run {
     #[inline(always)]
-    fn new(step: &Step, same: u32) -> Self {
-        let ceiling = step.least + step.p2;
+    fn new(p1: u32, p2: u32, least_before: u32, same: u32) -> Self {
+        let ceiling = least_before + p2;
         Self {
-            p1: step.p1,
-            p2: step.p2 * splat_u8(1),
+            p1,
+            p2: p2 * splat_u8(1),
             ceiling,
-            neighbour_ceiling: ceiling.saturating_sub(step.p1),
+            neighbour_ceiling: ceiling.saturating_sub(p1),
             // No byte is as much as 128 if its half is compared with that.
             half_ceiling: least(ceiling.div_ceil(2), 128) * splat_u8(1),
-            least_before: step.least,
+            least_before,
             below: FAR >> 24,
             same,
             least_next: u32::MAX,

@@ -1,6 +1,6 @@
 //! Kernels for RV32, with and without the Zbb extension.
 
-mod aggregate;
+pub(crate) mod aggregate;
 mod check;
 pub(crate) mod cost;
 mod counted;

@@ -41,6 +41,7 @@ pub(super) fn pack_cells(samples: &[&[u8]; SAMPLES], packed: &mut [u8]) {
             };
         }
         compare!(0 1 2 3 4 5 6 7 8);
+        // The last sample has no partner.
         let _ = own;
         store(cells, packed);
     }

@@ -1,7 +1,7 @@
-//! What the instructions compute, as plain code: that of [`instructions`](super::instructions) where they are not
-//! there, and what a test compares the logic with.
+//! Plain Rust for each byte instruction. [`instructions`](super::instructions) calls it on processors that do not have
+//! them, and a test compares the FPGA's logic with it.
 
-/// The result of an instruction, as the logic has it: 0 for those that there are not.
+/// Returns the 32-bit result of the instruction with these two parts of its code; 0 if there is no such instruction.
 #[inline(always)]
 #[must_use]
 pub(super) fn result_of(funct7: u32, funct3: u32, a: u32, b: u32) -> u32 {

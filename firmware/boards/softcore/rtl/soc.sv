@@ -1,5 +1,6 @@
-// The system on a chip: VexRiscv, its memories, two camera ports, a serial port, a timer with a
-// watchdog, eight LEDs, the bus that sets the sensors up, and the stereo unit, which reads the data memory while the processor does not. The processor caches what is below 0x8000_0000.
+// The system on a chip: VexRiscv with byte instructions, its memories, two camera ports, a serial port, a timer with a
+// watchdog, eight LEDs, the bus that sets the sensors up, and the stereo unit, which reads the data memory while the
+// processor does not. The processor caches what is below 0x8000_0000.
 //
 //  0x0000_0000  code, fetched only
 //  0x1000_0000  data

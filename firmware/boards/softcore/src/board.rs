@@ -34,11 +34,11 @@ static mut PACKET: [u8; PACKET_BYTES] = [0; PACKET_BYTES];
 #[unsafe(export_name = "request")]
 static REQUEST: [u8; 512] = [0; 512];
 
-/// What the LEDs show while the board runs.
+/// The LEDs that are lit while the board runs, a bit for each.
 pub(crate) const LEDS_RUNNING: u32 = 0x01;
-/// The LED of the left sensor, when it does not answer; the next one is that of the right sensor.
+/// The number of the LED that is lit when the left sensor does not answer; that of the right sensor is the next one.
 pub(crate) const LED_LEFT_SENSOR: u32 = 1;
-/// What they show when it has failed.
+/// The LEDs that are lit after the board has failed.
 const LEDS_FAILED: u32 = 0xff;
 
 /// Kernels of a program for this board.

@@ -27,7 +27,8 @@ pub(crate) enum Sides {
 }
 
 impl Sides {
-    /// Those whose bit is set, from bit `first` on: the left one's and then the right one's.
+    /// Returns the sensors whose bits of a status are set: bit `first` is the left one's, and the next the right one's.
+    /// `None` if neither is set.
     fn of(status: u32, first: u32) -> Option<Self> {
         match status >> first & 3 {
             1 => Some(Self::Left),

@@ -38,7 +38,7 @@ pub(crate) struct Sensors<'s, 'm> {
     sender: &'s Sender<'m>,
     /// Whether they were set up and have answered since.
     are_up: bool,
-    /// What was told last.
+    /// The problem that the log has named last; `None` if the sensors have been set up since.
     told: Option<Problem>,
 }
 

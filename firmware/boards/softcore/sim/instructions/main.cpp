@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <vector>
 
+#include "../numbers.h"
 #include "Vbyte_instructions.h"
 #include "verilated.h"
 
@@ -15,17 +16,6 @@ namespace {
 struct Instruction {
   uint32_t function, a, b;
 };
-
-// Reads a number of this many bytes; false at the end of the input.
-bool take(uint32_t &value, int bytes) {
-  value = 0;
-  for (int i = 0; i < bytes; i++) {
-    const int byte = getchar();
-    if (byte == EOF) return false;
-    value |= static_cast<uint32_t>(byte) << 8 * i;
-  }
-  return true;
-}
 
 }  // namespace
 
@@ -51,7 +41,7 @@ int main(int argc, char **argv) {
     logic.eval();
     if (logic.asks && logic.takes) begun++;
     if (logic.rst_n && logic.has_result && logic.result_taken) {
-      for (int i = 0; i < 4; i++) putchar(logic.result >> 8 * i & 0xff);
+      give(logic.result);
       ended++;
     }
     logic.clk = 1;

@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <vector>
 
+#include "../numbers.h"
 #include "Vstereo_unit.h"
 #include "verilated.h"
 
@@ -58,17 +59,6 @@ class Bench {
   uint32_t noise = 1;
 };
 
-// Reads a number of this many bytes; false at the end of the input.
-bool take(uint32_t &value, int bytes) {
-  value = 0;
-  for (int i = 0; i < bytes; i++) {
-    const int byte = getchar();
-    if (byte == EOF) return false;
-    value |= static_cast<uint32_t>(byte) << 8 * i;
-  }
-  return true;
-}
-
 }  // namespace
 
 int main(int argc, char **argv) {
@@ -80,7 +70,7 @@ int main(int argc, char **argv) {
     if (kind == 'w' && take(address, 2) && take(value, 4)) bench.write(address, value);
     else if (kind == 'r' && take(address, 2)) {
       value = bench.read(address);
-      for (int i = 0; i < 4; i++) putchar(value >> 8 * i & 0xff);
+      give(value);
       fflush(stdout);
     } else if (kind == 'm' && take(address, 4) && take(value, 4)) {
       for (uint32_t byte, i = 0; i < value && take(byte, 1); i++) bench.store(address + i, byte);
