@@ -8,18 +8,9 @@
 //!
 //! Equal options give identical bits on every platform and with any number of threads.
 
-mod camera;
-mod courtyard;
 mod distorted;
-mod furniture;
-mod geometry;
-mod grid;
-mod noise;
 mod squares;
-mod texture;
 mod truth;
-mod vector;
-mod wall;
 
 use core::f64::consts::TAU;
 
@@ -28,15 +19,15 @@ use image::RgbImage;
 use rand_core::Rng;
 use rand_pcg::Pcg32;
 use rayon::prelude::*;
+use vgstereo_core::geometry::{Depth, RectifiedCamera};
+use vgstereo_courtyard::{Courtyard, Side};
+pub use vgstereo_courtyard::{RenderedCameras, SQUARE_MM, SQUARES};
 
 use crate::calibration::StereoCalibration;
 use crate::exposure::Exposure;
 use crate::line_offset::LINE_OFFSET_MAX_PX;
 use crate::scene::Scene;
-pub use camera::RenderedCameras;
-use courtyard::{Courtyard, Side};
 use distorted::Lookup;
-pub use texture::{SQUARE_MM, SQUARES};
 use truth::ground_truth;
 
 /// The smallest width and height of a rendered image, px; smaller ones are raised to it.
@@ -85,13 +76,21 @@ impl Default for RenderOptions {
     }
 }
 
-impl RenderedCameras {
-    /// Returns the cameras of a scene that is rendered with these options.
-    #[must_use]
-    pub fn of(options: &RenderOptions) -> Self {
-        let (yard, ..) = bare_courtyard(options, 0.0);
-        yard.rig()
-    }
+/// Returns the two rectified cameras of a scene that is rendered with these options.
+#[must_use]
+pub fn rendered_cameras(options: &RenderOptions) -> RenderedCameras {
+    let (yard, ..) = bare_courtyard(options, 0.0);
+    yard.rig()
+}
+
+/// Returns either of two cameras as the core takes it; `None` where it is out of the core's range.
+#[must_use]
+pub fn rectified_camera(cameras: &RenderedCameras) -> Option<RectifiedCamera> {
+    // Casts saturate, and what is out of range gives no camera.
+    let q8 = |px: f64| (px * 256.0).round();
+    let depth = Depth::new(q8(cameras.focal_px * cameras.baseline_mm) as u32, 0)?;
+    let principal_q8 = cameras.principal_px.map(|px| q8(px) as i32);
+    RectifiedCamera::new(depth, q8(cameras.focal_px) as u32, principal_q8)
 }
 
 /// Returns where the point of each left pixel is, row-major, seen from the left camera as if it were
@@ -128,17 +127,73 @@ fn finite(value: f32, otherwise: f32) -> f32 {
 }
 
 /// How one camera turns light into grey levels.
-struct Sensor<'a> {
+struct Sensor {
     exposure: Exposure,
     /// The standard deviation of the noise, grey levels.
     noise: f64,
     seed: u64,
     /// A number, 0 or 1, that makes the noise of the two cameras differ.
     stream: u64,
-    /// How far the view is shifted down, px.
-    line_offset_px: f64,
-    /// Where its pixels look; `None` for a rectified view.
-    lookup: Option<&'a Lookup>,
+}
+
+impl Sensor {
+    /// The sensor of the left camera, which is exposed as the scene is.
+    fn left(options: &RenderOptions) -> Self {
+        let noise = finite(options.noise, RenderOptions::default().noise).max(0.0);
+        Self {
+            exposure: Exposure::EQUAL,
+            noise: noise.into(),
+            seed: options.seed,
+            stream: 0,
+        }
+    }
+
+    /// The sensor of the right camera.
+    fn right(options: &RenderOptions) -> Self {
+        let exposure = options.exposure;
+        Self {
+            exposure: Exposure {
+                gain: finite(exposure.gain, 1.0),
+                gain_gradient: finite(exposure.gain_gradient, 0.0),
+                offset: finite(exposure.offset, 0.0),
+                offset_gradient: finite(exposure.offset_gradient, 0.0),
+            },
+            stream: 1,
+            ..Self::left(options)
+        }
+    }
+
+    /// Returns the picture of what has this light at each column and line. Its lines are made in parallel.
+    fn picture(
+        &self,
+        width: u32,
+        height: u32,
+        light: impl Fn(usize, usize) -> [f64; 3] + Sync,
+    ) -> RgbImage {
+        let mut image = RgbImage::new(width, height);
+        let line_bytes = width as usize * 3;
+        image
+            .par_chunks_exact_mut(line_bytes)
+            .enumerate()
+            .for_each(|(y, line)| {
+                // Images have at most SIDE_MAX_PX lines.
+                let (gain, offset) = self.exposure.of_line(y as u32, height);
+                // Each line has its own generator: the order of lines does not matter.
+                let stream = (y as u64) << 1 | self.stream;
+                let mut random = Pcg32::new(self.seed, stream);
+                for (x, pixel) in line.chunks_exact_mut(3).enumerate() {
+                    for (channel, light) in pixel.iter_mut().zip(light(x, y)) {
+                        let mut grey = 255.0 * light.min(1.0).sqrt() * gain + offset;
+                        if self.noise > 0.0 {
+                            grey += self.noise * gaussian(&mut random);
+                        }
+                        // The cast saturates.
+                        *channel = (grey + 0.5) as u8;
+                    }
+                }
+            });
+        image
+    }
 }
 
 /// Renders the built-in scene and returns it with the ground truth of both views and all masks.
@@ -149,6 +204,51 @@ struct Sensor<'a> {
 pub fn render(options: &RenderOptions) -> Scene {
     let (yard, width, height, d_max) = courtyard(options, 0.0);
     scene(&yard, options, [None, None], width, height, d_max)
+}
+
+/// The built-in scene with the light of its right view, of which pictures with any exposure are made. Light takes most of
+/// the time that it takes to render.
+#[derive(Debug)]
+pub struct Exposures {
+    options: RenderOptions,
+    scene: Scene,
+    /// The light of each channel at each pixel of the right view, row-major.
+    right: Vec<[f64; 3]>,
+}
+
+impl Exposures {
+    /// Renders the scene of these options, but for the exposure.
+    #[must_use]
+    pub fn new(options: &RenderOptions) -> Self {
+        let (yard, width, height, d_max) = courtyard(options, 0.0);
+        let of_pixel = light(&yard, Side::Right, None, options.line_offset_px);
+        let columns = width as usize;
+        let pixels = (0..columns * height as usize).into_par_iter();
+        Self {
+            options: *options,
+            scene: scene(&yard, options, [None, None], width, height, d_max),
+            right: pixels
+                .map(|at| of_pixel(at % columns, at / columns))
+                .collect(),
+        }
+    }
+
+    /// Returns the scene that [`render`] makes with this exposure of the right camera.
+    #[must_use]
+    pub fn scene(&self, exposure: Exposure) -> Scene {
+        let (width, height) = self.scene.right.dimensions();
+        let options = RenderOptions {
+            exposure,
+            ..self.options
+        };
+        let columns = width as usize;
+        let right = Sensor::right(&options);
+        let right = right.picture(width, height, |x, y| self.right[y * columns + x]);
+        Scene {
+            right,
+            ..self.scene.clone()
+        }
+    }
 }
 
 /// Renders the built-in scene as [`render`] does, but through two real cameras, and returns it with their
@@ -202,13 +302,8 @@ impl BoardPictures {
         let left = Lookup::new(&self.calibration, size, 0)?;
         let right = Lookup::new(&self.calibration, size, 1)?;
         let baseline = yard.rig().baseline_mm / 1000.0;
-        yard.add(squares::board(
-            yard.left(),
-            left.pair(),
-            baseline,
-            options.seed,
-            pose,
-        )?);
+        let (middle, sides) = squares::pose(left.pair(), baseline, options.seed, pose)?;
+        yard.add_board(middle, sides);
         Ok(views(
             &yard,
             options,
@@ -220,7 +315,7 @@ impl BoardPictures {
 }
 
 /// Renders a flat textured wall whose plane is `distance_mm` from the left camera, turned about the columns
-/// and the lines by these angles, degrees, as the two cameras of [`RenderedCameras::of`] see it. `frame`
+/// and the lines by these angles, degrees, as the two cameras of [`rendered_cameras`] see it. `frame`
 /// makes another sensor noise.
 #[must_use]
 pub fn render_wall(
@@ -231,7 +326,7 @@ pub fn render_wall(
 ) -> [RgbImage; 2] {
     let (mut yard, width, height, _) = bare_courtyard(options, 0.0);
     let turned = turned_degrees.map(f64::to_radians);
-    yard.add(wall::wall(yard.left(), distance_mm / 1000.0, turned));
+    yard.add_wall(distance_mm / 1000.0, turned);
     let noisy = RenderOptions {
         seed: options.seed ^ u64::from(frame) << 32,
         ..*options
@@ -266,62 +361,29 @@ fn views(
     width: u32,
     height: u32,
 ) -> [RgbImage; 2] {
-    let noise = finite(options.noise, RenderOptions::default().noise).max(0.0);
-    let left = Sensor {
-        exposure: Exposure::EQUAL,
-        noise: f64::from(noise),
-        seed: options.seed,
-        stream: 0,
-        line_offset_px: 0.0,
-        lookup: left_lookup,
-    };
-    let right = Sensor {
-        exposure: Exposure {
-            gain: finite(options.exposure.gain, 1.0),
-            gain_gradient: finite(options.exposure.gain_gradient, 0.0),
-            offset: finite(options.exposure.offset, 0.0),
-            offset_gradient: finite(options.exposure.offset_gradient, 0.0),
-        },
-        stream: 1,
-        line_offset_px: finite(options.line_offset_px, 0.0)
-            .clamp(-LINE_OFFSET_MAX_PX, LINE_OFFSET_MAX_PX)
-            .into(),
-        lookup: right_lookup,
-        ..left
-    };
+    let left = light(yard, Side::Left, left_lookup, 0.0);
+    let right = light(yard, Side::Right, right_lookup, options.line_offset_px);
     [
-        view(yard, Side::Left, &left, width, height),
-        view(yard, Side::Right, &right, width, height),
+        Sensor::left(options).picture(width, height, left),
+        Sensor::right(options).picture(width, height, right),
     ]
 }
 
-/// Returns the image of one camera. Its lines are rendered in parallel.
-fn view(yard: &Courtyard, side: Side, sensor: &Sensor<'_>, width: u32, height: u32) -> RgbImage {
-    let mut image = RgbImage::new(width, height);
-    let line_bytes = width as usize * 3;
-    image
-        .par_chunks_exact_mut(line_bytes)
-        .enumerate()
-        .for_each(|(y, line)| {
-            let y_px = y as f64 - sensor.line_offset_px;
-            // Images have at most SIDE_MAX_PX lines.
-            let (gain, offset) = sensor.exposure.of_line(y as u32, height);
-            // Each line has its own generator: the order of lines does not matter.
-            let stream = (y as u64) << 1 | sensor.stream;
-            let mut random = Pcg32::new(sensor.seed, stream);
-            for (x, pixel) in line.chunks_exact_mut(3).enumerate() {
-                let light = exposed(yard, side, sensor.lookup, x as f64, y_px);
-                for (channel, light) in pixel.iter_mut().zip(light) {
-                    let mut grey = 255.0 * light.min(1.0).sqrt() * gain + offset;
-                    if sensor.noise > 0.0 {
-                        grey += sensor.noise * gaussian(&mut random);
-                    }
-                    // The cast saturates.
-                    *channel = (grey + 0.5) as u8;
-                }
-            }
-        });
-    image
+/// Returns the light of each channel at a column and line of a picture that is shifted down by so many px. `lookup`
+/// says where its pixels look; without, it is rectified.
+fn light<'a>(
+    yard: &'a Courtyard,
+    side: Side,
+    lookup: Option<&'a Lookup>,
+    line_offset_px: f32,
+) -> impl Fn(usize, usize) -> [f64; 3] + Sync + 'a {
+    let line_offset_px = finite(line_offset_px, 0.0).clamp(-LINE_OFFSET_MAX_PX, LINE_OFFSET_MAX_PX);
+    let line_offset_px = f64::from(line_offset_px);
+    let rectified_px = move |x_px, y_px| match lookup {
+        Some(lookup) => lookup.rectified_px(x_px, y_px),
+        None => Some([x_px, y_px]),
+    };
+    move |x, y| yard.exposed(side, x as f64, y as f64 - line_offset_px, &rectified_px)
 }
 
 /// Returns a normally distributed number with mean 0 and standard deviation 1 (Box-Muller).
@@ -330,49 +392,6 @@ fn gaussian(random: &mut Pcg32) -> f64 {
     let radius = (f64::from(random.next_u32()) + 1.0) / 4_294_967_296.0;
     let angle = f64::from(random.next_u32()) / 4_294_967_296.0 * TAU;
     (-2.0 * libm::log(radius)).sqrt() * libm::cos(angle)
-}
-
-/// Returns the mean light over a pixel. It takes 4 samples, and 16 more when the first ones
-/// meet different objects.
-fn exposed(
-    yard: &Courtyard,
-    side: Side,
-    lookup: Option<&Lookup>,
-    x_px: f64,
-    y_px: f64,
-) -> [f64; 3] {
-    let mut sum = [0.0; 3];
-    let mut count = 0.0;
-    let mut sample = |dx: f64, dy: f64| {
-        let at = (x_px + dx, y_px + dy);
-        let [x_px, y_px] = match lookup {
-            Some(lookup) => lookup.rectified_px(at.0, at.1)?,
-            None => at.into(),
-        };
-        let seen = yard.look(side, x_px, y_px)?;
-        for (sum, light) in sum.iter_mut().zip(yard.light(&seen)) {
-            *sum += light;
-        }
-        count += 1.0;
-        Some(seen.object)
-    };
-    // A rotated square: no two samples share a column or a line.
-    let objects = [
-        sample(-0.125, -0.375),
-        sample(0.375, -0.125),
-        sample(0.125, 0.375),
-        sample(-0.375, 0.125),
-    ];
-    if objects.iter().any(|&object| object != objects[0]) {
-        for row in 0..4 {
-            for column in 0..4 {
-                let place = |index: i32| (f64::from(index) - 1.5) * 0.25;
-                sample(place(column), place(row));
-            }
-        }
-    }
-    let scale = if count > 0.0 { 1.0 / count } else { 0.0 };
-    sum.map(|light| light * scale)
 }
 
 #[cfg(test)]

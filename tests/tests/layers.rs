@@ -22,7 +22,7 @@ struct Layers {
     allowed: &'static [(&'static str, &'static str, &'static str)],
 }
 
-const CRATES: [Layers; 6] = [
+const CRATES: [Layers; 7] = [
     Layers {
         sources: "core/src",
         rooms: &[
@@ -73,6 +73,11 @@ const CRATES: [Layers; 6] = [
     },
     Layers {
         sources: "firmware/command/src",
+        rooms: &[],
+        allowed: &[],
+    },
+    Layers {
+        sources: "host-sim/courtyard/src",
         rooms: &[],
         allowed: &[],
     },

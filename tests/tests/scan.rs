@@ -5,7 +5,9 @@ use vgstereo_core::{Config, DisparityLine, DisparityRange};
 use vgstereo_kernels::NativeKernels;
 use vgstereo_sim::arguments::aggregating_unless_named;
 use vgstereo_sim::frame::match_frame;
-use vgstereo_sim::render::{RenderOptions, RenderedCameras, render, surface_points};
+use vgstereo_sim::render::{
+    RenderOptions, rectified_camera, render, rendered_cameras, surface_points,
+};
 use vgstereo_sim::views::Views;
 
 /// The range at each bearing of the scan, mm, from the points that the renderer's rays meet: of the
@@ -50,9 +52,9 @@ fn scene(width: u32, height: u32, d_max: u16) -> (RenderOptions, ScanConfig) {
         d_max,
         ..RenderOptions::default()
     };
-    let cameras = RenderedCameras::of(&options);
+    let cameras = rendered_cameras(&options);
     let config = ScanConfig {
-        camera: cameras.rectified().unwrap(),
+        camera: rectified_camera(&cameras).unwrap(),
         columns: 0..u16::try_from(width).unwrap(),
         bearings: 60,
         pitch_rad: cameras.pitch_rad as f32,

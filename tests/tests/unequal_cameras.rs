@@ -4,17 +4,10 @@
 use vgstereo_core::{Output, Preset};
 use vgstereo_sim::exposure::Exposure;
 use vgstereo_sim::prepared::Prepared;
-use vgstereo_sim::render::{RenderOptions, render};
+use vgstereo_sim::render::{Exposures, RenderOptions, render};
 use vgstereo_sim::scene::Scene;
 use vgstereo_sim::stress::{Kind, Stress};
 use vgstereo_tests::{bad_percent, mean_bad_percent, with_sgm};
-
-fn exposed(exposure: Exposure) -> Scene {
-    render(&RenderOptions {
-        exposure,
-        ..RenderOptions::default()
-    })
-}
 
 fn lowered(line_offset_px: f32) -> Scene {
     render(&RenderOptions {
@@ -38,10 +31,11 @@ fn what_neither_clips_nor_drowns_in_noise_costs_little() {
         (CLIPPING, 1.1, -1.0, 0.0, 0.0),
     ];
     let presets = [Preset::Lite, Preset::Micro, Preset::Balanced];
-    let equal = exposed(Exposure::EQUAL);
+    let rendered = Exposures::new(&RenderOptions::default());
+    let equal = rendered.scene(Exposure::EQUAL);
     let equal = presets.map(|preset| mean_bad_percent(preset.parameters(), &equal));
     for (name, gain, gain_gradient, offset, offset_gradient) in exposures {
-        let scene = exposed(Exposure {
+        let scene = rendered.scene(Exposure {
             gain,
             gain_gradient,
             offset,
@@ -65,12 +59,14 @@ fn what_neither_clips_nor_drowns_in_noise_costs_little() {
 /// many lines below.
 #[test]
 fn a_darker_camera_does_not_upset_a_blank_wall() {
-    let darker = exposed(Exposure {
+    let rendered = Exposures::new(&RenderOptions::default());
+    let darker = rendered.scene(Exposure {
         gain: 0.6,
         ..Exposure::EQUAL
     });
     let balanced = Preset::Balanced.parameters();
-    let cost = bad_percent(balanced, &darker) - bad_percent(balanced, &exposed(Exposure::EQUAL));
+    let equal = rendered.scene(Exposure::EQUAL);
+    let cost = bad_percent(balanced, &darker) - bad_percent(balanced, &equal);
     assert!(cost <= 2.0, "{cost:+.2}");
 }
 
@@ -152,7 +148,7 @@ fn a_larger_view_costs_little_from_the_third_frame_on() {
 /// Lines that one camera alone sees brighter or darker are mended before they are matched.
 #[test]
 fn bands_of_light_and_noise_of_rows_cost_little() {
-    let undisturbed = exposed(Exposure::EQUAL);
+    let undisturbed = lowered(0.0);
     let presets = [Preset::Lite, Preset::Micro, Preset::Balanced];
     let equal = presets.map(|preset| bad_percent(preset.parameters(), &undisturbed));
     for (kind, amount) in [
@@ -178,7 +174,7 @@ fn bands_of_light_and_noise_of_rows_cost_little() {
 /// Under strong noise of both sensors, what noise makes of single pixels counts less.
 #[test]
 fn strong_noise_costs_less_where_it_is_reckoned_with() {
-    let mut scene = exposed(Exposure::EQUAL);
+    let mut scene = lowered(0.0);
     let noise = Stress {
         kind: Kind::Noise,
         amount: 25.0,

@@ -4,7 +4,9 @@ use vgstereo_core::kernel::SubpixelStep;
 use vgstereo_core::{Config, DisparityRange, INVALID, Output, Parameters, Preset};
 use vgstereo_kernels::NativeKernels;
 use vgstereo_sim::frame::match_frame;
-use vgstereo_sim::render::{RenderOptions, RenderedCameras, render_wall};
+use vgstereo_sim::render::{
+    RenderOptions, RenderedCameras, rectified_camera, render_wall, rendered_cameras,
+};
 use vgstereo_sim::views::Views;
 use vgstereo_sim::wall::{Figures, Part, measure};
 use vgstereo_tests::with_sgm;
@@ -78,7 +80,7 @@ fn is_close(measured: f64, known: f64, least: f64) -> bool {
 
 #[test]
 fn figures_are_those_that_the_renderer_knows() {
-    let cameras = RenderedCameras::of(&options());
+    let cameras = rendered_cameras(&options());
     let numerator = cameras.focal_px * cameras.baseline_mm;
     let part = Part::middle([WIDTH, HEIGHT], 0.5);
     for (distance_mm, turned) in [
@@ -88,7 +90,7 @@ fn figures_are_those_that_the_renderer_knows() {
     ] {
         let truth = Truth::new(distance_mm, turned);
         let frames = frames(distance_mm, turned);
-        let camera = cameras.rectified().unwrap();
+        let camera = rectified_camera(&cameras).unwrap();
         let Figures {
             fill_percent,
             plane,
@@ -212,7 +214,7 @@ impl Spread {
 /// finer step is hardly, and is nearer to the truth.
 #[test]
 fn the_finer_step_is_hardly_drawn_to_whole_pixels() {
-    let cameras = RenderedCameras::of(&options());
+    let cameras = rendered_cameras(&options());
     let numerator = cameras.focal_px * cameras.baseline_mm;
     let finer = SubpixelStep {
         relief: 50,

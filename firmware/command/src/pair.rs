@@ -17,7 +17,7 @@ use vgstereo_firmware::scripted::ScriptedFault;
 use vgstereo_sim::calibration::{Camera, Lens, Maps, RectifiedPair, StereoCalibration};
 use vgstereo_sim::camera::SimulatedCamera;
 use vgstereo_sim::dataset::load_scene;
-use vgstereo_sim::render::{RenderOptions, RenderedCameras, render};
+use vgstereo_sim::render::{RenderOptions, rectified_camera, render, rendered_cameras};
 use vgstereo_sim::scene::Scene;
 
 use crate::board::Board;
@@ -53,8 +53,8 @@ impl Pair {
             d_max: disparities.saturating_sub(1),
             ..RenderOptions::default()
         };
-        let cameras = RenderedCameras::of(&options);
-        let camera = cameras.rectified();
+        let cameras = rendered_cameras(&options);
+        let camera = rectified_camera(&cameras);
         Self {
             format: PixelFormat::Grey8,
             camera: camera.map(|camera| (camera, Some(cameras.pitch_rad as f32))),

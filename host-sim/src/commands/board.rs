@@ -11,6 +11,7 @@ use crate::escapes::shown;
 use crate::files::{encode, make_folder, write_files};
 use crate::render::{
     BoardPictures, RenderOptions, RenderedCameras, SQUARE_MM, SQUARES, render_wall,
+    rendered_cameras,
 };
 use crate::terminal::progress_bar;
 
@@ -52,7 +53,7 @@ pub(super) fn write_wall(
     distance_mm: f64,
     frames: u32,
 ) -> Result<String> {
-    let cameras = RenderedCameras::of(options);
+    let cameras = rendered_cameras(options);
     let disparity_px = cameras.focal_px * cameras.baseline_mm / distance_mm;
     ensure!(
         disparity_px >= 1.0 && disparity_px <= options.d_max.into(),

@@ -12,7 +12,7 @@ use crate::dataset::{ensure_distinct, find_scenes, load_scene};
 use crate::escapes::shown_name;
 use crate::exposure::Exposure;
 use crate::prepared::Prepared;
-use crate::render::{RenderOptions, render};
+use crate::render::{Exposures, RenderOptions};
 use crate::tables::{difference, percent, table};
 use crate::terminal::progress_bar;
 
@@ -106,6 +106,7 @@ impl ExposureWedge {
             Some(dir) => find_scenes(dir, &self.scenes)?,
             None => Vec::new(),
         };
+        let built_in = Exposures::new(&RenderOptions::default());
         let steps = (1 + folders.len()) * WEDGE.len();
         let bar = progress_bar(steps as u64, "matching");
         let mut report = Report { scenes: Vec::new() };
@@ -126,10 +127,7 @@ impl ExposureWedge {
                         exposure.apply(&mut scene.right);
                         scene
                     }
-                    None => render(&RenderOptions {
-                        exposure,
-                        ..RenderOptions::default()
-                    }),
+                    None => built_in.scene(exposure),
                 };
                 let prepared = Prepared::new(scene, self.grey)?;
                 let equal = exposures.first();

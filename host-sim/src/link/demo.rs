@@ -20,7 +20,7 @@ use vgstereo_kernels::NativeKernels;
 use vgstereo_link::{Selection, Streams};
 
 use crate::camera::SimulatedCamera;
-use crate::render::{RenderOptions, RenderedCameras, render};
+use crate::render::{RenderOptions, rectified_camera, render, rendered_cameras};
 use crate::scene::Scene;
 
 /// Size of the views, px, and the largest disparity: those of the real boards.
@@ -235,7 +235,7 @@ fn serve(
         device: "demo",
         firmware: env!("CARGO_PKG_VERSION"),
         preset: preset.name(),
-        camera: RenderedCameras::of(options).rectified(),
+        camera: rectified_camera(&rendered_cameras(options)),
         selection: Selection::whole(Streams::DISPARITIES),
         is_started: false,
         clock,

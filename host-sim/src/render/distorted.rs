@@ -4,7 +4,8 @@
 use anyhow::{Context, Result};
 use glam::{DMat3, DVec2};
 
-use super::camera::RenderedCameras;
+use vgstereo_courtyard::RenderedCameras;
+
 use crate::calibration::{Camera, Lens, RectifiedPair, StereoCalibration, StoredRectification};
 
 /// How far beyond the rectified view, in parts of its width, the raw views may reach.

@@ -8,13 +8,9 @@ use glam::DVec2;
 use rand_core::Rng;
 use rand_pcg::Pcg32;
 
-use super::camera::Camera;
-use super::geometry::{Object, Shape};
-use super::texture::{Material, SQUARE, SQUARES};
-use crate::calibration::RectifiedPair;
+use vgstereo_courtyard::half_sides_m;
 
-/// The width of the white border, in squares.
-const BORDER: f64 = 0.5;
+use crate::calibration::RectifiedPair;
 
 /// Range of the depth of the board's middle, m: nearer than any object of the scene.
 const DEPTHS: [f64; 2] = [0.6, 1.0];
@@ -27,25 +23,23 @@ const CLEAR_PX: f64 = 3.0;
 /// Poses that are tried, of which that nearest to the wanted place is taken.
 const TRIES: u32 = 300;
 
-/// Returns the board in the pose of this number: it goes through nine parts of the left picture, then of
-/// the right one, as far as both cameras see it whole. `camera` is the left rectified camera.
+/// Where a board is, from the left rectified camera: its middle, m, and the directions of its long and its short side,
+/// each along the columns, the lines and the optical axis.
+pub(super) type Pose = ([f64; 3], [[f64; 3]; 2]);
+
+/// Returns the pose of this number: the board goes through nine parts of the left picture, then of the right one, as far
+/// as both cameras see it whole. `baseline` is in m.
 ///
 /// # Errors
 /// Fails when no pose is seen whole by both cameras.
-pub(super) fn board(
-    camera: &Camera,
-    pair: &RectifiedPair,
-    baseline: f64,
-    seed: u64,
-    pose: u32,
-) -> Result<Object> {
+pub(super) fn pose(pair: &RectifiedPair, baseline: f64, seed: u64, pose: u32) -> Result<Pose> {
     let mut random = Pcg32::new(seed, (u64::from(pose) << 1 | 1) + (1 << 32));
     let mut share = || f64::from(random.next_u32()) / f64::from(u32::MAX);
     let view = (pose / 9 % 2) as usize;
     let size = DVec2::from_array(pair.raw_size.map(f64::from));
     let part = DVec2::new(f64::from(pose % 3), f64::from(pose / 3 % 3));
     let wanted = (part + 0.5) / 3.0 * size;
-    let mut best: Option<(f64, Object)> = None;
+    let mut best: Option<(f64, Pose)> = None;
     for _ in 0..TRIES {
         let nearness = share();
         let middle_px = 0.5 * size + nearness * (wanted - 0.5 * size);
@@ -62,16 +56,11 @@ pub(super) fn board(
         let middle = [tangents.x * depth + from_left, tangents.y * depth, depth];
         let axes = axes(angles);
         if is_whole(pair, baseline, middle, axes) {
-            best = Some((nearness, object(camera, middle, axes)));
+            best = Some((nearness, (middle, axes)));
         }
     }
-    let (_, board) = best.context("no pose of the board is seen whole by both cameras")?;
-    Ok(board)
-}
-
-/// Half the sides of the board with its border, m.
-fn half_sides() -> [f64; 2] {
-    SQUARES.map(|squares| (0.5 * f64::from(squares) + BORDER) * SQUARE)
+    let (_, pose) = best.context("no pose of the board is seen whole by both cameras")?;
+    Ok(pose)
 }
 
 /// The directions of the long and the short side, for rotations about the columns, the lines and
@@ -92,7 +81,7 @@ fn is_whole(
     middle: [f64; 3],
     [along, across]: [[f64; 3]; 2],
 ) -> bool {
-    let [half_along, half_across] = half_sides();
+    let [half_along, half_across] = half_sides_m();
     let size = DVec2::from_array(pair.raw_size.map(f64::from));
     let steps = [-1.0, -0.5, 0.0, 0.5, 1.0];
     steps.into_iter().all(|u| {
@@ -112,19 +101,4 @@ fn is_whole(
                 })
         })
     })
-}
-
-fn object(camera: &Camera, middle: [f64; 3], [along, across]: [[f64; 3]; 2]) -> Object {
-    let [half_u, half_v] = half_sides();
-    Object {
-        shape: Shape::Sheet {
-            centre: camera.position + camera.direction(middle),
-            axis_u: camera.direction(along),
-            axis_v: camera.direction(across),
-            half_u,
-            half_v,
-        },
-        material: Material::Squares,
-        tint: 0,
-    }
 }

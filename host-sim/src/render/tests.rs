@@ -277,6 +277,31 @@ fn exposure_changes_the_right_view_alone() {
 }
 
 #[test]
+fn light_that_was_kept_gives_what_is_rendered() {
+    let options = RenderOptions {
+        width: 95,
+        height: 61,
+        noise: 1.5,
+        line_offset_px: 0.7,
+        ..CLEAN
+    };
+    let exposures = Exposures::new(&options);
+    let exposure = Exposure {
+        gain: 0.8,
+        gain_gradient: 0.3,
+        offset: 5.0,
+        offset_gradient: -9.0,
+    };
+    for exposure in [Exposure::EQUAL, exposure] {
+        let rendered = render(&RenderOptions {
+            exposure,
+            ..options
+        });
+        assert!(bits(&exposures.scene(exposure)) == bits(&rendered));
+    }
+}
+
+#[test]
 fn without_texture_edges_and_shadows_are_left() {
     let steps = |texture: f32| -> Vec<u8> {
         let scene = render(&RenderOptions { texture, ..CLEAN });
@@ -390,9 +415,12 @@ fn distorted_views_are_rectified_to_the_plain_ones() {
     let maps = Maps::new(&pair, calibration.unit_mm, Interpolation::Cubic).unwrap();
     let rectification = Rectification::from_bytes(&maps.bytes).unwrap();
     // The cameras of the scene, to rounding.
-    let cameras = RenderedCameras::of(&CLEAN);
+    let cameras = rendered_cameras(&CLEAN);
     assert!((f64::from(rectification.focal_q8) / 256.0 - cameras.focal_px).abs() < 0.01);
-    assert_eq!(rectification.depth, cameras.rectified().map(|c| c.depth()));
+    assert_eq!(
+        rectification.depth,
+        rectified_camera(&cameras).map(|c| c.depth())
+    );
     let difference = |a: &Views, b: &Views, view: usize| {
         let (a, b) = (a.picture(view).unwrap(), b.picture(view).unwrap());
         let sum: u64 = a

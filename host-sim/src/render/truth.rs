@@ -1,8 +1,8 @@
 //! The ground truth of the rendered scene: exact disparities and the masks of the benchmark.
 
 use rayon::prelude::*;
+use vgstereo_courtyard::{Courtyard, Side};
 
-use super::courtyard::{Courtyard, Side};
 use crate::scene::{GroundTruth, Mask};
 
 /// Neighbours whose disparities differ by more than this are at a discontinuity, px.

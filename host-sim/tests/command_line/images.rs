@@ -359,8 +359,8 @@ const LOSSY_WEBP: &[u8] = b"RIFF6\x00\x00\x00WEBPVP8 *\x00\x00\x00P\x01\x00\x9d\
 #[test]
 fn what_breaks_off_is_never_taken_for_whole() {
     let scene = render(&RenderOptions {
-        width: 64,
-        height: 48,
+        width: 24,
+        height: 18,
         d_max: 8,
         ..RenderOptions::default()
     });

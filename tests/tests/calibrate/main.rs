@@ -11,14 +11,17 @@ mod walk;
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Error, Result, ensure};
 use clap::Parser;
 use glam::DVec2;
 use libtest_mimic::{Arguments, Failed, Trial};
+use tempfile::TempDir;
 use vgstereo_sim::calibration::{Lens, RectifiedPair, StereoCalibration, read};
 use vgstereo_sim::commands::CommandLine;
 use vgstereo_sim::terminal::Said;
+use vgstereo_tests::command::vgstereo;
 use vgstereo_tests::python::{Outcome, Python};
 
 /// Pairs of real boards: the folder, the board and its squares; and options of `--check`: the files, and
@@ -101,14 +104,22 @@ fn main() {
             }),
         );
     }
-    trials.push(trial("walk", &python, false, walk::walk));
+    let pictures = Arc::new(BoardPictures::new().unwrap());
+    let of_walk = Arc::clone(&pictures);
+    let walk = move |python: &Python| walk::walk(python, &of_walk);
+    trials.push(trial("walk", &python, false, walk));
+    let of_link = Arc::clone(&pictures);
+    let over_link = move |python: &Python| over_link::walk(python, &of_link);
     trials.push(trial(
         "over_link",
         &python,
         over_link::is_absent(),
-        over_link::walk,
+        over_link,
     ));
-    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+    let conclusion = libtest_mimic::run(&Arguments::from_args(), trials);
+    // The process ends without dropping what is left.
+    drop(pictures);
+    conclusion.exit();
 }
 
 /// Returns a test with this Python, ignored if that or anything else that it needs is absent.
@@ -123,6 +134,35 @@ fn trial(
     let run = move || test(&python.context("there is no Python with OpenCV")?);
     let run = move || run().map_err(|error| Failed::from(format!("{error:#}")));
     Trial::test(name, run).with_ignored_flag(is_absent)
+}
+
+/// The pictures of a board that `demo --board` makes, which two tests take: they are made once.
+struct BoardPictures {
+    folder: TempDir,
+    made: OnceLock<Result<(), String>>,
+}
+
+impl BoardPictures {
+    /// Pairs of pictures.
+    const PAIRS: usize = 20;
+
+    fn new() -> std::io::Result<Self> {
+        let folder = tempfile::tempdir()?;
+        let made = OnceLock::new();
+        Ok(Self { folder, made })
+    }
+
+    /// Returns the folder of the pictures, which are made if they are not there.
+    fn folder(&self) -> Result<&Path> {
+        let folder = self.folder.path();
+        let pairs = Self::PAIRS.to_string();
+        let make = || vgstereo([&"demo", &"--board", &folder, &"--poses", &pairs]);
+        let made = self
+            .made
+            .get_or_init(|| make().map_err(|error| format!("{error:#}")));
+        made.clone().map_err(Error::msg)?;
+        Ok(folder)
+    }
 }
 
 type Test = Box<dyn FnOnce(&Python, &[PathBuf]) -> Result<()> + Send>;

@@ -31,9 +31,9 @@ use vgstereo_sim::render::{RenderOptions, render_distorted};
 use vgstereo_tests::command::vgstereo;
 use vgstereo_tests::python::Python;
 
+use super::BoardPictures;
+
 const BOARD: Board = MPS2_AN500;
-/// Pairs of pictures of the board of squares that the cameras see, after one of the courtyard.
-const POSES: usize = 20;
 /// Pairs of pictures that the cameras are calibrated by.
 const PAIRS: &str = "16";
 /// Frames that are recorded, beside those under way when the streams are selected.
@@ -48,13 +48,12 @@ pub(crate) fn is_absent() -> bool {
 }
 
 /// Takes the walk.
-pub(crate) fn walk(python: &Python) -> Result<()> {
+pub(crate) fn walk(python: &Python, poses: &BoardPictures) -> Result<()> {
     let folder = tempfile::tempdir()?;
     let folder = folder.path();
-    let [poses, pictures] = ["poses", "pictures"].map(|name| folder.join(name));
+    let pictures = folder.join("pictures");
     let [calibration, cameras] = ["calibration.yml", "cameras.vgr"].map(|name| folder.join(name));
-    vgstereo([&"demo", &"--board", &poses, &"--poses", &POSES.to_string()])?;
-    let frames = frames(&poses)?;
+    let frames = frames(poses.folder()?)?;
     let request = frames[0].live_request(Preset::Lite, &[])?;
     let link = Link::local(Damage::default());
     let board = LiveBoard::emulated(&BOARD, &build(&BOARD)?, &frames, &request, link)?;
@@ -137,7 +136,7 @@ fn frames(poses: &Path) -> Result<Vec<Pair>> {
         }
     };
     let mut frames = vec![pair(courtyard.name, [courtyard.left, courtyard.right])];
-    for pose in 1..=POSES {
+    for pose in 1..=BoardPictures::PAIRS {
         let view = |side: &str| -> Result<image::RgbImage> {
             let path = poses.join(format!("{side}_{pose:02}.png"));
             Ok(ImageReader::open(path)?.decode()?.to_rgb8())

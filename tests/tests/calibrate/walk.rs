@@ -17,22 +17,21 @@ use vgstereo_sim::scene::Scene;
 use vgstereo_tests::command::vgstereo;
 use vgstereo_tests::python::Python;
 
-/// Pairs of pictures of the board.
-const POSES: &str = "20";
+use super::BoardPictures;
+
 /// The preset that matches the scene.
 const PRESET: &str = "balanced";
 /// Beyond this distance there is nothing but the wall, m.
 const WALL_M: f64 = 5.2;
 
 /// Asserts that the distances are as good as with the true calibration.
-pub(crate) fn walk(python: &Python) -> Result<()> {
+pub(crate) fn walk(python: &Python, pictures: &BoardPictures) -> Result<()> {
     let folder = tempfile::tempdir()?;
     let folder = folder.path();
-    let [board, scene] = ["board", "scene"].map(|name| folder.join(name));
-    vgstereo([&"demo", &"--board", &board, &"--poses", &POSES])?;
+    let scene = folder.join("scene");
     let calibrated = folder.join("calibration.yml");
     let outcome = python.calibrate(
-        &board,
+        pictures.folder()?,
         &[
             "--board",
             "9x6",

@@ -8,13 +8,13 @@ use core::ops::{Add, Mul, Sub};
 
 /// A point, m, or a direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Vec3 {
+pub(crate) struct Vec3 {
     pub x: f64,
     pub y: f64,
     pub z: f64,
 }
 
-pub(super) const fn vec3(x: f64, y: f64, z: f64) -> Vec3 {
+pub(crate) const fn vec3(x: f64, y: f64, z: f64) -> Vec3 {
     Vec3 { x, y, z }
 }
 
@@ -40,11 +40,11 @@ impl Mul<f64> for Vec3 {
 }
 
 impl Vec3 {
-    pub(super) fn dot(self, other: Self) -> f64 {
+    pub(crate) fn dot(self, other: Self) -> f64 {
         self.x * other.x + self.y * other.y + self.z * other.z
     }
 
-    pub(super) fn cross(self, other: Self) -> Self {
+    pub(crate) fn cross(self, other: Self) -> Self {
         vec3(
             self.y * other.z - self.z * other.y,
             self.z * other.x - self.x * other.z,
@@ -52,12 +52,12 @@ impl Vec3 {
         )
     }
 
-    pub(super) fn length(self) -> f64 {
+    pub(crate) fn length(self) -> f64 {
         self.dot(self).sqrt()
     }
 
     /// Returns the vector of length 1 in this direction.
-    pub(super) fn unit(self) -> Self {
+    pub(crate) fn unit(self) -> Self {
         self * (1.0 / self.length())
     }
 }
@@ -65,14 +65,14 @@ impl Vec3 {
 /// A ray from `origin` on. The length of `direction` is the unit of the ray parameter; it need
 /// not be 1 m.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Ray {
+pub(crate) struct Ray {
     pub origin: Vec3,
     pub direction: Vec3,
 }
 
 impl Ray {
     /// Returns the point at ray parameter `t`.
-    pub(super) fn at(&self, t: f64) -> Vec3 {
+    pub(crate) fn at(&self, t: f64) -> Vec3 {
         self.origin + self.direction * t
     }
 }

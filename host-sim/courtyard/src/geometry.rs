@@ -1,12 +1,12 @@
 //! The surfaces of objects and where rays meet them.
 
-use super::texture::{self, Material};
-use super::vector::{Ray, Vec3, vec3};
+use crate::texture::{self, Material};
+use crate::vector::{Ray, Vec3, vec3};
 
 /// The shape of a surface. Lengths are in metres; vectors whose names begin with `axis`, and
 /// `side` and `front`, have unit length. `u` and `v` are coordinates on the surface, m.
 #[derive(Debug, Clone)]
-pub(super) enum Shape {
+pub(crate) enum Shape {
     /// An infinite plane. `u` runs along `axis_u`, `v` along `axis_v`.
     Plane {
         origin: Vec3,
@@ -42,7 +42,7 @@ pub(super) enum Shape {
 
 /// The point where a ray meets a surface.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Hit {
+pub(crate) struct Hit {
     /// The ray parameter. For a ray from a camera this is the depth, m.
     pub t: f64,
     /// The coordinates on the surface, m.
@@ -54,7 +54,7 @@ pub(super) struct Hit {
 
 /// A surface with its shape and material.
 #[derive(Debug, Clone)]
-pub(super) struct Object {
+pub(crate) struct Object {
     pub shape: Shape,
     pub material: Material,
     /// A number that makes the textures of objects of one material differ.
@@ -72,7 +72,7 @@ fn across(axis: Vec3) -> (Vec3, Vec3) {
 
 impl Object {
     /// Returns where the ray meets the surface first, if that is at `t_min < t < t_max`.
-    pub(super) fn hit(&self, ray: &Ray, t_min: f64, t_max: f64) -> Option<Hit> {
+    pub(crate) fn hit(&self, ray: &Ray, t_min: f64, t_max: f64) -> Option<Hit> {
         let inside = |t: f64| t > t_min && t < t_max;
         match self.shape {
             Shape::Plane {
@@ -232,7 +232,7 @@ impl Object {
 
     /// Returns the centre and the radius of a sphere around the object, m; `None` for a plane,
     /// which is infinite.
-    pub(super) fn bound(&self) -> Option<(Vec3, f64)> {
+    pub(crate) fn bound(&self) -> Option<(Vec3, f64)> {
         match self.shape {
             Shape::Plane { .. } => None,
             Shape::Sheet {

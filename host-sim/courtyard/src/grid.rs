@@ -6,7 +6,7 @@
 /// Rays of a camera use a grid over its image, px. Shadow rays use a grid over a plane across
 /// the direction of the sun, m.
 #[derive(Debug)]
-pub(super) struct Grid {
+pub(crate) struct Grid {
     left: f64,
     top: f64,
     /// The side of a cell.
@@ -19,7 +19,7 @@ pub(super) struct Grid {
 
 impl Grid {
     /// Returns an empty grid from the corner `(left, top)` on, whose cells have the side `cell`.
-    pub(super) fn new(left: f64, top: f64, cell: f64, columns: usize, rows: usize) -> Self {
+    pub(crate) fn new(left: f64, top: f64, cell: f64, columns: usize, rows: usize) -> Self {
         Self {
             left,
             top,
@@ -31,7 +31,7 @@ impl Grid {
     }
 
     /// Adds an object to the cells that the rectangle `[left, right, top, bottom]` touches.
-    pub(super) fn insert(&mut self, object: u16, [left, right, top, bottom]: [f64; 4]) {
+    pub(crate) fn insert(&mut self, object: u16, [left, right, top, bottom]: [f64; 4]) {
         // Saturating casts: spans off the grid end at its border.
         let clip =
             |position: f64, cells: usize| (position / self.cell).clamp(0.0, cells as f64) as usize;
@@ -47,7 +47,7 @@ impl Grid {
     }
 
     /// Returns the objects that a ray at a position can meet; none outside the grid.
-    pub(super) fn at(&self, x: f64, y: f64) -> &[u16] {
+    pub(crate) fn at(&self, x: f64, y: f64) -> &[u16] {
         let column = (x - self.left) / self.cell;
         let row = (y - self.top) / self.cell;
         if column < 0.0 || row < 0.0 {

@@ -1,15 +1,15 @@
 //! A flat textured wall before the two cameras, at a distance that is known exactly.
 
-use super::camera::Camera;
-use super::geometry::{Object, Shape};
-use super::texture::Material;
+use crate::camera::Camera;
+use crate::geometry::{Object, Shape};
+use crate::texture::Material;
 
 /// How far the wall reaches to each side, distances of its own.
 const REACH: f64 = 2.0;
 
 /// Returns a wall whose plane is `distance` m from the camera, turned by these angles, rad, about the
 /// columns and the lines; at 0 it is square to the optical axis.
-pub(super) fn wall(
+pub(crate) fn wall(
     camera: &Camera,
     distance: f64,
     [about_columns, about_lines]: [f64; 2],

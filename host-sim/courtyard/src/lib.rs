@@ -1,11 +1,33 @@
-//! The courtyard: its objects before the two cameras, and the light that falls on them.
+//! The built-in scene: a small courtyard before two rectified pinhole cameras.
+//!
+//! A ray caster looks into it. Geometry is analytic and textures are functions of the surface point, so both views show
+//! the same surfaces and every depth is exact. Equal seeds give identical bits on every platform.
+//!
+//! [`Courtyard`] holds the objects and the cameras. [`Courtyard::look`] tells what a camera sees at a point of its image,
+//! [`Courtyard::exposed`] how much light a pixel gets. What makes pictures and ground truth of that is the simulator's.
+//!
+//! Positions in an image are px, column and line, pixel centres at whole numbers. Lengths in the world are m.
 
-use super::camera::{Camera, RenderedCameras};
-use super::furniture::furnish;
-use super::geometry::{Hit, Object, Shape};
-use super::grid::Grid;
-use super::texture::{self, Colour, Material, Place};
-use super::vector::{Ray, Vec3, vec3};
+mod board;
+mod camera;
+mod furniture;
+mod geometry;
+mod grid;
+mod noise;
+mod texture;
+mod vector;
+mod wall;
+
+pub use board::half_sides_m;
+pub use camera::RenderedCameras;
+pub use texture::{SQUARE_MM, SQUARES};
+
+use camera::Camera;
+use furniture::furnish;
+use geometry::{Hit, Object, Shape};
+use grid::Grid;
+use texture::{Colour, Material, Place};
+use vector::{Ray, Vec3, vec3};
 
 /// The height of the cameras above the ground, m.
 const CAMERA_HEIGHT: f64 = 0.75;
@@ -23,7 +45,7 @@ const CLEARANCE: f64 = 1e-4;
 
 /// A surface point that a camera sees.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Seen {
+pub struct Seen {
     /// The index of the object. It differs between the two sides of an edge.
     pub object: u16,
     /// The depth, m.
@@ -43,14 +65,16 @@ impl Seen {
 
 /// One of the two cameras.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Side {
+pub enum Side {
+    /// The left one.
     Left,
+    /// The right one.
     Right,
 }
 
 /// The objects, the two cameras, and grids that tell which objects a ray can meet.
 #[derive(Debug)]
-pub(super) struct Courtyard {
+pub struct Courtyard {
     objects: Vec<Object>,
     cameras: [Camera; 2],
     tiles: [Grid; 2],
@@ -70,7 +94,8 @@ pub(super) struct Courtyard {
 impl Courtyard {
     /// Returns the courtyard without its furniture, for views of this size, with disparities up to `d_max`
     /// px. It can be looked at from both cameras up to `margin_px` beyond their views.
-    pub(super) fn new(
+    #[must_use]
+    pub fn new(
         width_px: u32,
         height_px: u32,
         margin_px: u32,
@@ -116,7 +141,7 @@ impl Courtyard {
     }
 
     /// Adds the furniture.
-    pub(super) fn furnish(&mut self) {
+    pub fn furnish(&mut self) {
         let mut objects = furnish(self.seed);
         // Chance may let a leaf or twig grow out of the range of disparities.
         let camera = self.cameras[0];
@@ -131,8 +156,21 @@ impl Courtyard {
         }
     }
 
+    /// Adds a flat textured wall whose plane is `distance` m from the left camera, turned by these angles, rad, about
+    /// the columns and the lines; at 0 it is square to the optical axis.
+    pub fn add_wall(&mut self, distance: f64, turned: [f64; 2]) {
+        self.add(wall::wall(&self.cameras[0], distance, turned));
+    }
+
+    /// Adds a board of [`SQUARES`] with a white border, half of whose sides are [`half_sides_m`]. Its middle, m, and the
+    /// directions of its long and its short side, of length 1, run along the columns, the lines and the optical axis of
+    /// the left camera.
+    pub fn add_board(&mut self, middle: [f64; 3], sides: [[f64; 3]; 2]) {
+        self.add(board::board(&self.cameras[0], middle, sides));
+    }
+
     /// Adds an object.
-    pub(super) fn add(&mut self, object: Object) {
+    fn add(&mut self, object: Object) {
         // There are some thousand objects.
         let index = self.objects.len() as u16;
         let bound = object.bound();
@@ -151,20 +189,17 @@ impl Courtyard {
         self.objects.push(object);
     }
 
-    /// Returns the left camera.
-    pub(super) const fn left(&self) -> &Camera {
-        &self.cameras[0]
-    }
-
     /// Returns where the point of a left pixel is, seen from the left camera as if it were level: to the
     /// right, up and forward, m; `None` where the pixel shows nothing.
-    pub(super) fn point(&self, x: u32, y: u32) -> Option<[f64; 3]> {
+    #[must_use]
+    pub fn point(&self, x: u32, y: u32) -> Option<[f64; 3]> {
         let seen = self.look(Side::Left, x.into(), y.into())?;
         Some(seen.from(self.cameras[0].position))
     }
 
     /// Returns the two cameras as a pair.
-    pub(super) fn rig(&self) -> RenderedCameras {
+    #[must_use]
+    pub fn rig(&self) -> RenderedCameras {
         let [left, right] = self.cameras;
         RenderedCameras {
             focal_px: left.focal_px,
@@ -175,13 +210,15 @@ impl Courtyard {
     }
 
     /// Returns the disparity of a point at this depth, px.
-    pub(super) fn disparity_px(&self, depth: f64) -> f64 {
+    #[must_use]
+    pub fn disparity_px(&self, depth: f64) -> f64 {
         self.disparity_metres / depth
     }
 
     /// Returns what a camera sees at an image point; `None` where it sees nothing. The point may
     /// be outside the image by at most the margin, or a tile.
-    pub(super) fn look(&self, side: Side, x_px: f64, y_px: f64) -> Option<Seen> {
+    #[must_use]
+    pub fn look(&self, side: Side, x_px: f64, y_px: f64) -> Option<Seen> {
         let ray = self.cameras[side as usize].ray(x_px, y_px);
         let mut nearest: Option<Seen> = None;
         for &index in self.tiles[side as usize].at(x_px, y_px) {
@@ -198,9 +235,52 @@ impl Courtyard {
         nearest
     }
 
+    /// Returns the mean linear light of each channel, not negative, over the pixel at `(x_px, y_px)`. It takes 4
+    /// samples, and 16 more when the first ones meet different objects.
+    ///
+    /// `rectified_px` tells where in the rectified view of the camera a point of its picture is, px, or `None` where its
+    /// lens does not reach; for a rectified picture it is `Some([x, y])`.
+    #[must_use]
+    pub fn exposed(
+        &self,
+        side: Side,
+        x_px: f64,
+        y_px: f64,
+        rectified_px: &dyn Fn(f64, f64) -> Option<[f64; 2]>,
+    ) -> [f64; 3] {
+        let mut sum = [0.0; 3];
+        let mut count = 0.0;
+        let mut sample = |dx: f64, dy: f64| {
+            let [x_px, y_px] = rectified_px(x_px + dx, y_px + dy)?;
+            let seen = self.look(side, x_px, y_px)?;
+            for (sum, light) in sum.iter_mut().zip(self.light(&seen)) {
+                *sum += light;
+            }
+            count += 1.0;
+            Some(seen.object)
+        };
+        // A rotated square: no two samples share a column or a line.
+        let objects = [
+            sample(-0.125, -0.375),
+            sample(0.375, -0.125),
+            sample(0.125, 0.375),
+            sample(-0.375, 0.125),
+        ];
+        if objects.iter().any(|&object| object != objects[0]) {
+            for row in 0..4 {
+                for column in 0..4 {
+                    let place = |index: i32| (f64::from(index) - 1.5) * 0.25;
+                    sample(place(column), place(row));
+                }
+            }
+        }
+        let scale = if count > 0.0 { 1.0 / count } else { 0.0 };
+        sum.map(|light| light * scale)
+    }
+
     /// Returns the linear light of each channel that a seen point sends to the cameras. It is
     /// equal for both cameras.
-    pub(super) fn light(&self, seen: &Seen) -> Colour {
+    fn light(&self, seen: &Seen) -> Colour {
         let object = &self.objects[usize::from(seen.object)];
         let point = seen.point;
         // One viewpoint for both cameras, so that level of detail and lit side agree.

@@ -2,10 +2,10 @@
 //!
 //! All are functions of a place and a seed alone, so that both views see equal textures.
 
-use super::vector::Vec3;
+use crate::vector::Vec3;
 
 /// Returns 32 evenly distributed bits that depend on three whole coordinates and a seed.
-pub(super) fn hash(x: i32, y: i32, z: i32, seed: u32) -> u32 {
+pub(crate) fn hash(x: i32, y: i32, z: i32, seed: u32) -> u32 {
     let mut bits = seed
         ^ x.cast_unsigned().wrapping_mul(0x9E37_79B1)
         ^ y.cast_unsigned().wrapping_mul(0x85EB_CA77).rotate_left(11)
@@ -16,12 +16,12 @@ pub(super) fn hash(x: i32, y: i32, z: i32, seed: u32) -> u32 {
 }
 
 /// Returns the bits of a hash as a number from 0 on and below 1.
-pub(super) fn fraction(bits: u32) -> f64 {
+pub(crate) fn fraction(bits: u32) -> f64 {
     f64::from(bits) / 4_294_967_296.0
 }
 
 /// Returns the largest whole number that is not above `value`, and the rest, 0 to 1.
-pub(super) fn split(value: f64) -> (i32, f64) {
+pub(crate) fn split(value: f64) -> (i32, f64) {
     // The cast saturates far outside the scene.
     let whole = value as i32;
     let whole = whole.saturating_sub(i32::from(value < f64::from(whole)));
@@ -29,12 +29,12 @@ pub(super) fn split(value: f64) -> (i32, f64) {
 }
 
 /// Returns `a` at `share` 0, `b` at `share` 1, and a mixture in proportion between.
-pub(super) fn mix(a: f64, b: f64, share: f64) -> f64 {
+pub(crate) fn mix(a: f64, b: f64, share: f64) -> f64 {
     a + (b - a) * share
 }
 
 /// Returns 0 below `low`, 1 above `high` and a smooth transition between.
-pub(super) fn step(low: f64, high: f64, value: f64) -> f64 {
+pub(crate) fn step(low: f64, high: f64, value: f64) -> f64 {
     let share = ((value - low) / (high - low)).clamp(0.0, 1.0);
     ease(share)
 }
@@ -45,12 +45,12 @@ fn ease(share: f64) -> f64 {
 }
 
 /// Returns 0 below a threshold, 1 above it and a smooth transition over a pixel about it.
-pub(super) fn edge(threshold: f64, value: f64, pixel: f64) -> f64 {
+pub(crate) fn edge(threshold: f64, value: f64, pixel: f64) -> f64 {
     step(threshold - pixel * 0.5, threshold + pixel * 0.5, value)
 }
 
 /// Returns value noise in the plane, -1 to 1, with features of size 1.
-pub(super) fn noise2(x: f64, y: f64, seed: u32) -> f64 {
+pub(crate) fn noise2(x: f64, y: f64, seed: u32) -> f64 {
     let ((column, fx), (row, fy)) = (split(x), split(y));
     let corner =
         |dx: i32, dy: i32| fraction(hash(column.wrapping_add(dx), row.wrapping_add(dy), 0, seed));
@@ -61,7 +61,7 @@ pub(super) fn noise2(x: f64, y: f64, seed: u32) -> f64 {
 }
 
 /// Returns value noise in space, -1 to 1, with features of size 1.
-pub(super) fn noise3(point: Vec3, seed: u32) -> f64 {
+pub(crate) fn noise3(point: Vec3, seed: u32) -> f64 {
     let ((x, fx), (y, fy), (z, fz)) = (split(point.x), split(point.y), split(point.z));
     let (fx, fy, fz) = (ease(fx), ease(fy), ease(fz));
     let layer = |dz: i32| {
@@ -83,7 +83,7 @@ pub(super) fn noise3(point: Vec3, seed: u32) -> f64 {
 }
 
 /// Returns how much of a detail that is `pixels` pixels wide is drawn: 0 for nothing, 1 for all.
-pub(super) fn visible(pixels: f64) -> f64 {
+pub(crate) fn visible(pixels: f64) -> f64 {
     step(0.8, 2.2, pixels)
 }
 
@@ -104,14 +104,14 @@ fn octaves(pixel: f64, count: u32, noise: impl Fn(f64, u32) -> f64) -> f64 {
 }
 
 /// Returns octaves of noise in the plane; see [`octaves`].
-pub(super) fn fractal2(x: f64, y: f64, pixel: f64, count: u32, seed: u32) -> f64 {
+pub(crate) fn fractal2(x: f64, y: f64, pixel: f64, count: u32, seed: u32) -> f64 {
     octaves(pixel, count, |frequency, octave| {
         noise2(x * frequency, y * frequency, seed.wrapping_add(octave))
     })
 }
 
 /// Returns octaves of noise in space; see [`octaves`].
-pub(super) fn fractal3(point: Vec3, pixel: f64, count: u32, seed: u32) -> f64 {
+pub(crate) fn fractal3(point: Vec3, pixel: f64, count: u32, seed: u32) -> f64 {
     octaves(pixel, count, |frequency, octave| {
         noise3(point * frequency, seed.wrapping_add(octave))
     })
@@ -119,7 +119,7 @@ pub(super) fn fractal3(point: Vec3, pixel: f64, count: u32, seed: u32) -> f64 {
 
 /// Returns how far a place is inside its pebble, and the hash of that pebble. The plane is
 /// covered with pebbles of size 1; at 0 the place is between two of them.
-pub(super) fn pebbles(x: f64, y: f64, seed: u32) -> (f64, u32) {
+pub(crate) fn pebbles(x: f64, y: f64, seed: u32) -> (f64, u32) {
     let ((column, fx), (row, fy)) = (split(x), split(y));
     let (mut first, mut second, mut found) = (9.0, 9.0, 0);
     for dy in -1..=1 {

@@ -1,13 +1,11 @@
 //! A pinhole camera: rays through its pixels, and what part of the image an object can be in.
 
-use vgstereo_core::geometry::{Depth, RectifiedCamera};
-
-use super::vector::{Ray, Vec3, vec3};
+use crate::vector::{Ray, Vec3, vec3};
 
 /// A pinhole camera that looks along `z` and is tilted down. Its scanlines run along world `x`,
 /// and so does the baseline between two of them: the views are rectified.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Camera {
+pub(crate) struct Camera {
     /// The optical centre, m.
     pub position: Vec3,
     /// The direction of the image columns.
@@ -23,7 +21,7 @@ pub(super) struct Camera {
 
 impl Camera {
     /// Returns a camera at `position` that looks down by `pitch_rad`.
-    pub(super) fn new(
+    pub(crate) fn new(
         position: Vec3,
         pitch_rad: f64,
         focal_px: f64,
@@ -43,7 +41,7 @@ impl Camera {
 
     /// Returns the ray through the image point `(x_px, y_px)`; pixel centres are at whole
     /// numbers. The ray parameter is the depth, m.
-    pub(super) fn ray(&self, x_px: f64, y_px: f64) -> Ray {
+    pub(crate) fn ray(&self, x_px: f64, y_px: f64) -> Ray {
         let u = (x_px - self.centre_x_px) / self.focal_px;
         let v = (y_px - self.centre_y_px) / self.focal_px;
         Ray {
@@ -53,23 +51,23 @@ impl Camera {
     }
 
     /// Returns a direction that runs along the columns, the lines and the optical axis by these lengths.
-    pub(super) fn direction(&self, [x, y, z]: [f64; 3]) -> Vec3 {
+    pub(crate) fn direction(&self, [x, y, z]: [f64; 3]) -> Vec3 {
         vec3(x, 0.0, 0.0) + self.down * y + self.forward * z
     }
 
     /// Returns the principal point, column and line, px.
-    pub(super) fn principal_px(&self) -> [f64; 2] {
+    pub(crate) fn principal_px(&self) -> [f64; 2] {
         [self.centre_x_px, self.centre_y_px]
     }
 
     /// Returns the depth of a point: its distance along the optical axis, m.
-    pub(super) fn depth(&self, point: Vec3) -> f64 {
+    pub(crate) fn depth(&self, point: Vec3) -> f64 {
         (point - self.position).dot(self.forward)
     }
 
     /// Returns the range of image columns and lines that can show a sphere, as
     /// `[left, right, top, bottom]`, px; `None` if the sphere reaches the camera.
-    pub(super) fn extent(&self, centre: Vec3, radius: f64) -> Option<[f64; 4]> {
+    pub(crate) fn extent(&self, centre: Vec3, radius: f64) -> Option<[f64; 4]> {
         let offset = centre - self.position;
         let depth = self.depth(centre);
         if depth <= radius * 1.01 {
@@ -100,16 +98,4 @@ pub struct RenderedCameras {
     pub baseline_mm: f64,
     /// The angle of their optical axes below the horizon, rad.
     pub pitch_rad: f64,
-}
-
-impl RenderedCameras {
-    /// Returns either camera as the core takes it.
-    #[must_use]
-    pub fn rectified(&self) -> Option<RectifiedCamera> {
-        // Casts saturate, and what is out of range gives no camera.
-        let q8 = |px: f64| (px * 256.0).round();
-        let depth = Depth::new(q8(self.focal_px * self.baseline_mm) as u32, 0)?;
-        let principal_q8 = self.principal_px.map(|px| q8(px) as i32);
-        RectifiedCamera::new(depth, q8(self.focal_px) as u32, principal_q8)
-    }
 }

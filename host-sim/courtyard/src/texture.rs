@@ -4,24 +4,24 @@
 //! Detail finer than a pixel fades to its mean, so that it does not alias differently in
 //! the two views.
 
-use super::noise::{
+use crate::noise::{
     edge, fractal2, fractal3, fraction, hash, mix, noise2, noise3, pebbles, split, step, visible,
 };
-use super::vector::Vec3;
+use crate::vector::Vec3;
 
 /// Squares of the board of squares, along its long and its short side.
 pub const SQUARES: [u32; 2] = [10, 7];
 /// The side of a square, mm.
 pub const SQUARE_MM: u32 = 40;
 /// The side of a square, m.
-pub(super) const SQUARE: f64 = SQUARE_MM as f64 / 1000.0;
+pub(crate) const SQUARE: f64 = SQUARE_MM as f64 / 1000.0;
 
 /// Red, green and blue as they are displayed, each 0 to 1.
-pub(super) type Colour = [f64; 3];
+pub(crate) type Colour = [f64; 3];
 
 /// The material of a surface, which decides its texture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Material {
+pub(crate) enum Material {
     /// A brick wall, partly under smooth plaster.
     Wall,
     /// A path of slabs between gravel.
@@ -52,7 +52,7 @@ pub(super) enum Material {
 
 /// A place on a surface.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Place {
+pub(crate) struct Place {
     /// The position in the world, m.
     pub point: Vec3,
     /// The coordinates on the surface, m.
@@ -68,7 +68,7 @@ pub(super) struct Place {
 }
 
 /// Returns `a` at `share` 0, `b` at `share` 1, and a mixture in proportion between.
-pub(super) fn blend(a: Colour, b: Colour, share: f64) -> Colour {
+pub(crate) fn blend(a: Colour, b: Colour, share: f64) -> Colour {
     [
         mix(a[0], b[0], share),
         mix(a[1], b[1], share),
@@ -87,7 +87,7 @@ fn pick(palette: &[Colour], bits: u32) -> Colour {
 
 /// Returns whether a sheet of `material` is solid at `(u, v)`, m, rather than open. `half_u` and
 /// `half_v` are half the extents of the sheet, m.
-pub(super) fn is_solid(material: Material, u: f64, v: f64, half_u: f64, half_v: f64) -> bool {
+pub(crate) fn is_solid(material: Material, u: f64, v: f64, half_u: f64, half_v: f64) -> bool {
     match material {
         Material::Leaf => {
             let along = u / half_u;
@@ -113,7 +113,7 @@ const LATTICE_STEP: f64 = 0.2;
 const LATTICE_SLAT: f64 = 0.042;
 
 /// Returns the colour of a material at a place.
-pub(super) fn colour(material: Material, place: &Place, seed: u32) -> Colour {
+pub(crate) fn colour(material: Material, place: &Place, seed: u32) -> Colour {
     let seed = seed ^ place.tint;
     match material {
         Material::Wall => wall(place, seed),
@@ -139,7 +139,7 @@ pub(super) fn colour(material: Material, place: &Place, seed: u32) -> Colour {
 }
 
 /// Returns the colour of a material without its texture: about the mean of its colours.
-pub(super) fn paint(material: Material) -> Colour {
+pub(crate) fn paint(material: Material) -> Colour {
     match material {
         Material::Wall => [0.74, 0.58, 0.48],
         Material::Ground => [0.60, 0.55, 0.47],

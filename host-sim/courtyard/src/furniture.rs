@@ -1,9 +1,9 @@
 //! The objects of the courtyard and where they stand.
 
-use super::geometry::{Object, Shape};
-use super::noise::{fraction, hash};
-use super::texture::Material;
-use super::vector::{Vec3, vec3};
+use crate::geometry::{Object, Shape};
+use crate::noise::{fraction, hash};
+use crate::texture::Material;
+use crate::vector::{Vec3, vec3};
 
 /// Returns a tube between two points.
 fn tube(from: Vec3, to: Vec3, radius: f64, material: Material, tint: u32) -> Object {
@@ -85,7 +85,7 @@ fn grow(
 }
 
 /// Returns all objects of the courtyard. The plants depend on the seed.
-pub(super) fn furnish(seed: u32) -> Vec<Object> {
+pub(crate) fn furnish(seed: u32) -> Vec<Object> {
     let up = vec3(0.0, 1.0, 0.0);
     let level = |x: f64, z: f64| vec3(x, 0.0, z).unit();
     let mut chance = Chance { seed, drawn: 0 };
