@@ -29,21 +29,34 @@ module unit_windows (
     return 8'((9'(a) + 9'(b)) >> 1);
   endfunction
 
-  function automatic logic signed [15:0] lesser(input logic signed [15:0] a, b);
-    return a < b ? a : b;
+  // Three numbers, and of each two whether the first is less. Which of them is the least, the middle one or the greatest
+  // is for the next cycle.
+  typedef struct packed {
+    logic signed [15:0] a, b, c;
+    logic a_b, a_c, b_c;
+  } compared_t;
+
+  function automatic compared_t compare(input logic signed [15:0] a, b, c);
+    return '{a, b, c, a < b, a < c, b < c};
   endfunction
 
-  function automatic logic signed [15:0] greater(input logic signed [15:0] a, b);
-    return a < b ? b : a;
+  function automatic logic [15:0] least(input compared_t of);
+    return of.a_b ? (of.a_c ? of.a : of.c) : of.b_c ? of.b : of.c;
   endfunction
 
-  function automatic logic signed [15:0] median(input logic signed [15:0] a, b, c);
-    return greater(lesser(a, b), lesser(greater(a, b), c));
+  function automatic logic [15:0] middle_one(input compared_t of);
+    if (of.a_b) return of.b_c ? of.b : of.a_c ? of.c : of.a;
+    return of.a_c ? of.a : of.b_c ? of.c : of.b;
+  endfunction
+
+  function automatic logic [15:0] greatest(input compared_t of);
+    return of.a_b ? (of.b_c ? of.c : of.b) : of.a_c ? of.c : of.a;
   endfunction
 
   // What is under way: a column in the window, and the pixels of the later stages.
   logic is_median, is_levels, comes, whole;
-  logic [3:0] made;
+  logic [4:0] made;
+  logic [1:0] came;
   logic [15:0] window[3][3];
   wire [7:0] last_column = is_levels ? pixels - 1'b1 : pixels + 1'b1;
   assign level = window[0][2][7:0];
@@ -53,21 +66,21 @@ module unit_windows (
   wire [7:0] edges = midpoint(half_2[2], half_2[3]);
   wire [7:0] corners = midpoint(half_2[0], half_2[1]);
   logic [7:0] smoothed;
-  // The median of the sorted columns.
-  logic [15:0] low[3], centre[3], high[3];
-  logic [15:0] lows_2, centres_2, highs_2, median_3;
+  // The median of the sorted columns: of the greatest least, the middle one of the middle ones, and the least greatest.
+  compared_t newest, lows, centres, highs, last;
+  logic [15:0] low[3], centre[3], high[3], highest_low, middle_centre, lowest_high;
 
   // Bytes of the results.
   logic [8:0] at;
   logic [7:0] left;
-  wire writes_now = is_levels ? made[3] : made[2];
+  wire writes_now = is_median ? made[4] : is_levels ? made[3] : made[2];
   wire [1:0] lane = at[1:0];
   wire ends = left == 8'd1;
   assign busy = comes || made != 0 || write || left != 0;
 
   always_ff @(posedge clk) begin
     if (!rst_n) begin
-      {comes, whole, made, write, left} <= '0;
+      {comes, came, whole, made, write, left} <= '0;
     end else begin
       if (start) begin
         comes <= 1'b1;
@@ -79,7 +92,8 @@ module unit_windows (
       end else if (column == last_column) comes <= 1'b0;
       if (comes) column <= column + 1'b1;
       whole <= comes && (is_levels || column >= 8'd2);
-      made <= {made[2:0], whole};
+      made <= {made[3:0], whole};
+      came <= {came[0], comes};
       write <= writes_now && (ends || (is_median ? lane[1] : lane == 2'd3));
       if (writes_now) begin
         at <= at + (is_median ? 9'd2 : 9'd1);
@@ -105,18 +119,22 @@ module unit_windows (
     own_2 <= own_1;
     smoothed <= midpoint(edges, midpoint(own_2, corners));
 
-    for (int i = 0; i < 3; i++) begin
-      low[i] <= lesser(lesser(window[0][i], window[1][i]), window[2][i]);
-      centre[i] <= median(window[0][i], window[1][i], window[2][i]);
-      high[i] <= greater(greater(window[0][i], window[1][i]), window[2][i]);
+    newest <= compare(window[0][2], window[1][2], window[2][2]);
+    if (came[1]) begin
+      low <= '{low[1], low[2], least(newest)};
+      centre <= '{centre[1], centre[2], middle_one(newest)};
+      high <= '{high[1], high[2], greatest(newest)};
     end
-    lows_2 <= greater(greater(low[0], low[1]), low[2]);
-    centres_2 <= median(centre[0], centre[1], centre[2]);
-    highs_2 <= lesser(lesser(high[0], high[1]), high[2]);
-    median_3 <= median(lows_2, centres_2, highs_2);
+    lows <= compare(low[0], low[1], low[2]);
+    centres <= compare(centre[0], centre[1], centre[2]);
+    highs <= compare(high[0], high[1], high[2]);
+    highest_low <= greatest(lows);
+    middle_centre <= middle_one(centres);
+    lowest_high <= least(highs);
+    last <= compare(highest_low, middle_centre, lowest_high);
 
     if (writes_now) begin
-      if (is_median) word[8*{lane[1], 1'b0}+:16] <= median_3;
+      if (is_median) word[8*{lane[1], 1'b0}+:16] <= middle_one(last);
       else word[8*lane+:8] <= is_levels ? level_result : smoothed;
       write_at <= at[8:2];
     end
