@@ -20,8 +20,9 @@ use crate::pair::Pair;
 use crate::received::{Received, SentFrame};
 use crate::toolchain::{Simulator, root};
 
-/// The symbol of the place for the request in the image, and its length in bytes.
+/// The symbols of the places in the image for the request and for the rectification.
 const REQUEST: &str = "request";
+const CALIBRATION: &str = "calibration";
 /// Where the processor has its code, with and without a stereo unit, and its data, and their lengths, bytes.
 /// `rtl/soc.sv` has them too.
 const CODE: (u64, u64) = (0, 208 << 10);
@@ -104,9 +105,8 @@ pub fn ensure_built_for(board: &Board, request: &Request) -> Result<()> {
     ensure!(
         request.preset == simulation.preset
             && request.geometry.format.is_grey()
-            && request.calibration.is_none()
             && request.scan.is_none(),
-        "the firmware of {} is built for {} in grey, of rectified lines and without a scan",
+        "the firmware of {} is built for {} in grey and without a scan",
         board.name,
         simulation.preset
     );
@@ -221,7 +221,8 @@ pub fn run(
     ensure_built_for(board, request)?;
     let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
     let path = |name: &str| folder.path().join(name);
-    write_images(board, firmware, request, folder.path())?;
+    let rectification = pair.rectification.as_deref();
+    write_images(board, firmware, request, rectification, folder.path())?;
     write_views(pair, folder.path())?;
     let pixels = u64::from(pair.left.width()) * u64::from(pair.left.height());
     let frames = u64::from(request.frames) + scenario.faults.len() as u64 + 1;
@@ -323,14 +324,16 @@ fn report_of(received: &Received) -> Option<Result<Report, String>> {
     received.log.join("\n").parse().ok().map(Ok)
 }
 
-/// Writes what the memories of code and data hold, with the request in its place: `code.hex` and `data.hex`.
+/// Writes what the memories of code and data hold, with the request and the rectification, if there is one, in their
+/// places: `code.hex` and `data.hex`.
 ///
 /// # Errors
-/// Fails with one line when the firmware or the request do not fit, or a file cannot be written.
+/// Fails with one line when the firmware, the request or the rectification do not fit, or a file cannot be written.
 pub fn write_images(
     board: &Board,
     firmware: &Path,
     request: &Request,
+    rectification: Option<&[u8]>,
     folder: &Path,
 ) -> Result<()> {
     let code = match board.simulation {
@@ -340,16 +343,21 @@ pub fn write_images(
     let image = Image::read(firmware)?;
     let code = image.bytes(code.0, code.1)?;
     let mut data = image.bytes(DATA.0, DATA.1)?;
-    let (address, size) = elf::symbol(firmware, REQUEST)?;
-    let text = request.to_string();
-    let start = usize::try_from(address - DATA.0)?;
-    let place = data.get_mut(start..start + usize::try_from(size)?);
     // A zero ends the text.
-    let place = place.and_then(|place| place.get_mut(..=text.len()));
-    let place = place.context("the request is longer than its place in the image")?;
-    place.fill(0);
-    if let Some(place) = place.get_mut(..text.len()) {
-        place.copy_from_slice(text.as_bytes());
+    let text = format!("{request}\0");
+    for (symbol, content) in [
+        (REQUEST, text.as_bytes()),
+        (CALIBRATION, rectification.unwrap_or_default()),
+    ] {
+        let (address, size) = elf::symbol(firmware, symbol)?;
+        let start = usize::try_from(address - DATA.0)?;
+        let place = data.get_mut(start..start + usize::try_from(size)?);
+        let place = place.and_then(|place| place.get_mut(..content.len()));
+        let place = place.with_context(|| {
+            let length = content.len();
+            format!("the {symbol} has {length} bytes, and its place in the image {size}")
+        })?;
+        place.copy_from_slice(content);
     }
     let mut files = Vec::new();
     for (name, bytes) in [("code.hex", code), ("data.hex", data)] {

@@ -9,11 +9,11 @@ use vgstereo_firmware::session::memory_words;
 use vgstereo_firmware::watchdog::NoWatchdog;
 use vgstereo_firmware::{DisparitySink, Session};
 
-use crate::board::{Board, Refusal, of_command_line, report};
+use crate::board::{Board, of_command_line, report};
 use crate::camera::FileCamera;
 use crate::meter::{Counter, Meter, Metered};
 use crate::report::Report;
-use crate::request::ALONE_DISPARITIES;
+use crate::request::{ALONE_DISPARITIES, Refusal};
 use crate::sink::FileSink;
 use crate::task::Task;
 use crate::{CONFIDENCES_FILE, DISPARITIES_FILE, LINES_FILE};

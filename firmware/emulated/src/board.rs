@@ -8,6 +8,7 @@ use semihosting::process;
 use semihosting::sys::arm_compat::sys_get_cmdline_uninit;
 
 use crate::report::Report;
+use crate::request::Refusal;
 use crate::stack::Stack;
 use crate::{REPORT_FILE, sink};
 
@@ -49,10 +50,6 @@ pub(crate) fn report(stack: Stack, serve: impl FnOnce() -> Result<Report, Refusa
     };
     process::exit(written.is_err().into())
 }
-
-/// Reason for which a request is not served.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Refusal(pub(crate) &'static str);
 
 /// Returns what `read` makes of the command line without the name of the program; `None` if there is no command line, or
 /// `read` returns `None`.

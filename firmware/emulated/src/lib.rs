@@ -16,6 +16,7 @@ use core::ffi::CStr;
 #[cfg(any(test, all(target_os = "none", feature = "complete")))]
 mod memory;
 pub mod meter;
+pub mod rectifier;
 pub mod report;
 pub mod request;
 pub mod serial;

@@ -15,9 +15,9 @@ use vgstereo_firmware::watchdog::NoWatchdog;
 use vgstereo_link::{Selection, Streams};
 
 use crate::LINES_FILE;
-use crate::board::Refusal;
 use crate::camera::FileCamera;
-use crate::request::{CameraRequest, MAX_FAULTS, Request};
+use crate::rectifier::rectifier_of;
+use crate::request::{CameraRequest, MAX_FAULTS, Refusal, Request};
 use crate::run::{self, Memories};
 use crate::serial::{SerialPort, Uart};
 
@@ -93,7 +93,7 @@ fn serve_calibrated<U: Uart, K: Kernels>(
     } = calibration;
     let mut store = RamStore::new(staging, rectifier.len());
     let mut rectifier = match bytes.get(..*length) {
-        Some(bytes @ [_, ..]) => Some(run::rectifier_of(
+        Some(bytes @ [_, ..]) => Some(rectifier_of(
             bytes,
             request.config().colour,
             rectifier,

@@ -19,6 +19,10 @@ pub const ALONE_DISPARITIES: u16 = 48;
 /// Largest number of faults in a script.
 pub const MAX_FAULTS: usize = 32;
 
+/// Reason for which a request is not served.
+#[derive(Debug, Clone, Copy)]
+pub struct Refusal(pub &'static str);
+
 /// What a board has to know of a rectification before it reads it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Calibration {

@@ -2,8 +2,7 @@
 
 use defmt_semihosting as _;
 use semihosting::fs::File;
-use vgstereo_core::geometry::{LaserScan, Rectification, Rectifier};
-use vgstereo_core::rows::Arena;
+use vgstereo_core::geometry::{LaserScan, Rectifier};
 use vgstereo_core::{Kernels, Matcher};
 use vgstereo_firmware::camera::LinePairSource;
 use vgstereo_firmware::scripted::FaultyCamera;
@@ -12,13 +11,14 @@ use vgstereo_firmware::sink::{BothSinks, ScanningSink};
 use vgstereo_firmware::watchdog::NoWatchdog;
 use vgstereo_firmware::{DisparitySink, Session, Statistics};
 
-use crate::board::{Board, Refusal, of_command_line, report};
+use crate::board::{Board, of_command_line, report};
 use crate::camera::{self, FileCamera};
 use crate::live;
 use crate::memory;
 use crate::meter::{Counter, Meter, Metered};
+use crate::rectifier::rectifier;
 use crate::report::Report;
-use crate::request::Request;
+use crate::request::{Refusal, Request};
 use crate::serial::Uart;
 use crate::sink::{FileSink, PacketSink, ScanFile};
 use crate::task::Task;
@@ -105,7 +105,7 @@ fn with_files<C: Counter, K: Kernels>(
     memories: Memories,
 ) -> Result<Report, Refusal> {
     let matcher = matcher(request, kernels, memories.matcher);
-    let mut rectifier = rectifier(request, memories.calibration, kernels)?;
+    let mut rectifier = rectifier(request, memories.calibration, kernels, read_calibration)?;
     let file_error = |_| Refusal("a file cannot be opened");
     let file = File::open(LINES_FILE).map_err(file_error)?;
     // No file has a time in it.
@@ -170,47 +170,10 @@ pub(crate) fn matcher<'m, K: Kernels>(
     matcher.map_err(|_| Refusal("the matcher refuses the configuration"))
 }
 
-/// Reads the rectification, if the request has one, into `memory`, and builds the rectifier behind it.
-/// Not inlined, so that its stack is free again while frames are matched.
-#[inline(never)]
-fn rectifier<K: Kernels>(
-    request: &Request,
-    memory: &'static mut [u32],
-    kernels: K,
-) -> Result<Option<Rectifier<'static, 'static, K>>, Refusal> {
-    let Some(stated) = request.calibration else {
-        return Ok(None);
-    };
-    let [words, _] = request.calibration_words();
-    let (bytes, memory) = memory
-        .split_at_mut_checked(words)
-        .ok_or(Refusal("the rectification does not fit the lent memory"))?;
-    let bytes: &'static mut [u8] = Arena::new(bytes)
-        .take(stated.bytes as usize)
-        .map_err(|_| Refusal("the rectification does not fit the lent memory"))?;
-    read_calibration(bytes)?;
-    rectifier_of(bytes, request.config().colour, memory, kernels).map(Some)
-}
-
 /// Reads the file of the rectification, which has as many bytes.
 pub(crate) fn read_calibration(bytes: &mut [u8]) -> Result<(), Refusal> {
     let file = File::open(CALIBRATION_FILE).map_err(|_| Refusal("there is no rectification"))?;
     camera::read_exactly(&file, bytes).map_err(|_| Refusal("the rectification cannot be read"))
-}
-
-/// Builds the rectifier of these bytes. Not inlined, so that its stack is free again while frames are
-/// matched.
-#[inline(never)]
-pub(crate) fn rectifier_of<'m, K: Kernels>(
-    bytes: &'m [u8],
-    colour: bool,
-    memory: &'m mut [u32],
-    kernels: K,
-) -> Result<Rectifier<'m, 'm, K>, Refusal> {
-    let rectification =
-        Rectification::from_bytes(bytes).map_err(|_| Refusal("the rectification is not valid"))?;
-    let rectifier = Rectifier::new(rectification, colour, kernels, memory);
-    rectifier.map_err(|_| Refusal("the rectifier does not fit the lent memory"))
 }
 
 /// Builds the sink of the scans, if the request has one. Not inlined, so that its stack is free again

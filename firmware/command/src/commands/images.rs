@@ -23,43 +23,43 @@ pub struct Images {
     /// Right image, of the same size.
     #[arg(long, value_name = "FILE", requires = "left")]
     right: Option<PathBuf>,
-    /// Calibration of the cameras, as for `vgstereo match`: the images are raw, and the board
-    /// rectifies them. Without images, the built-in scene is taken for what these cameras see.
+    #[command(flatten)]
+    calibration: Calibration,
+}
+
+/// The options of what takes lines of cameras that are not rectified.
+#[derive(Debug, Args)]
+pub struct Calibration {
+    /// Calibration of the cameras, as for `vgstereo match`: they send raw lines, and the board
+    /// rectifies them. Without images, the built-in scene is taken for what they see.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     calibration: Vec<PathBuf>,
     #[command(flatten)]
     views: RectifiedViews,
 }
 
-impl Images {
-    /// Returns the pair that the options name, to be sent in grey and searched for this number of
-    /// disparities from 0 on; `None` if they name none.
+impl Calibration {
+    /// Returns the built-in scene as what these cameras see in views of this size, px, or of the size that the
+    /// calibration is for; `None` if the options name no cameras.
     ///
     /// # Errors
     /// Fails with one line that names the file or option and the reason.
-    pub fn pair(&self, disparities: u16) -> Result<Option<Pair>> {
-        let files = match (&self.left, &self.right) {
-            (Some(left), Some(right)) => Some((ImageFile::open(left)?, ImageFile::open(right)?)),
-            _ => None,
-        };
-        let size = files.as_ref().map(|(left, _)| left.dimensions());
+    pub fn pair(&self, size: Option<(u32, u32)>, disparities: u16) -> Result<Option<Pair>> {
+        self.with_images(None, size, disparities)
+    }
+
+    /// Returns this pair of images, or the built-in scene, as what these cameras see in views of this size.
+    fn with_images(
+        &self,
+        images: Option<Pair>,
+        size: Option<(u32, u32)>,
+        disparities: u16,
+    ) -> Result<Option<Pair>> {
         let cameras = Cameras::read(&self.calibration, &self.views, size)?;
         let rectification = cameras.rectification.as_deref();
         let rectification = rectification.map(Rectification::from_bytes).transpose()?;
-        let pair = match (files, &rectification) {
-            (Some((left, right)), _) => {
-                let views = ViewImages::decode(&left, &right, None)?;
-                let name = self.left.as_ref().map(|path| path.display().to_string());
-                Pair {
-                    name: name.unwrap_or_default(),
-                    left: views.left,
-                    right: views.right,
-                    format: PixelFormat::Grey8,
-                    disparities: DisparityRange::up_to(disparities.saturating_sub(1)),
-                    rectification: None,
-                    camera: None,
-                }
-            }
+        let pair = match (images, &rectification) {
+            (Some(pair), _) => pair,
             (None, Some(raw)) => Pair {
                 name: "courtyard, raw".to_owned(),
                 ..Pair::rendered(raw.raw_width.into(), raw.raw_height.into(), disparities)
@@ -72,5 +72,31 @@ impl Images {
             rectification: cameras.rectification,
             ..pair
         }))
+    }
+}
+
+impl Images {
+    /// Returns the pair that the options name, to be sent in grey and searched for this number of
+    /// disparities from 0 on; `None` if they name none.
+    ///
+    /// # Errors
+    /// Fails with one line that names the file or option and the reason.
+    pub fn pair(&self, disparities: u16) -> Result<Option<Pair>> {
+        let (Some(left), Some(right)) = (&self.left, &self.right) else {
+            return self.calibration.pair(None, disparities);
+        };
+        let views = ViewImages::decode(&ImageFile::open(left)?, &ImageFile::open(right)?, None)?;
+        let size = views.left.dimensions();
+        let pair = Pair {
+            name: left.display().to_string(),
+            left: views.left,
+            right: views.right,
+            format: PixelFormat::Grey8,
+            disparities: DisparityRange::up_to(disparities.saturating_sub(1)),
+            rectification: None,
+            camera: None,
+        };
+        self.calibration
+            .with_images(Some(pair), Some(size), disparities)
     }
 }

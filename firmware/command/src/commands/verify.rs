@@ -145,10 +145,25 @@ impl Verify {
             }
         }
         for board in others {
-            table.add_row(match board.model {
-                Some(_) => compare_modelled(&board, given.as_ref())?,
-                None => compare_simulated(&board, given.as_ref(), self.lines)?,
-            });
+            if board.model.is_some() {
+                table.add_row(compare_modelled(&board, given.as_ref())?);
+                continue;
+            }
+            let pairs = match &given {
+                Some(pair) => vec![pair.clone()],
+                None => {
+                    // Raw lines cannot be cut, as their rectification is for all of them.
+                    let lines = self.lines.map_or(120, |lines| lines.min(120) as u16);
+                    let raw = Pair::crooked(160, lines, 32, true)?;
+                    vec![Pair::rendered(160, 120, 32), raw]
+                }
+            };
+            for mut pair in pairs {
+                if let Some(lines) = self.lines {
+                    pair.cut(lines);
+                }
+                table.add_row(compare_simulated(&board, &pair)?);
+            }
         }
         let note = match folder {
             _ if given.is_some() => "",
@@ -211,26 +226,18 @@ fn compare_modelled(board: &Board, pair: Option<&Pair>) -> Result<[String; 4]> {
     ])
 }
 
-/// Runs the firmware of a board in RTL on this pair, or on the built-in one, compares the frame with the
-/// host's, and returns the row of the table.
+/// Runs the firmware of a board in RTL on this pair, compares the frame with the host's, and returns the row of the
+/// table.
 ///
 /// # Errors
 /// Fails with one line that says what differs, or what the simulation complains of.
-fn compare_simulated(
-    board: &Board,
-    pair: Option<&Pair>,
-    lines: Option<u32>,
-) -> Result<[String; 4]> {
+fn compare_simulated(board: &Board, pair: &Pair) -> Result<[String; 4]> {
     let built_for = board.simulation.context("the board is simulated")?;
-    let mut pair = pair.map_or_else(|| Pair::rendered(160, 120, 32), Pair::clone);
-    if let Some(lines) = lines {
-        pair.cut(lines);
-    }
     let request = pair.request(built_for.preset, 1, &[])?;
     let (program, firmware) = (simulation::build(board)?, build(board)?);
     let scenario = Scenario::default();
-    let ran = simulation::run(board, &program, &firmware, &pair, &request, &scenario)?;
-    let (host, _) = host::run(&pair, &request)?;
+    let ran = simulation::run(board, &program, &firmware, pair, &request, &scenario)?;
+    let (host, _) = host::run(pair, &request)?;
     let difference = host::first_difference(&ran.frames, &host, pair.left.width());
     ensure!(
         difference.is_none(),
