@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Synthesises the soft core for an ECP5-85F, places and routes it, prints its resources and clocks, and makes bitstreams.
+"""Synthesises the soft core with VexRiscv for an ECP5-85F, places and routes it, prints its resources and clocks, and makes bitstreams.
 
 In the top folder of the repository:
 
@@ -73,7 +73,8 @@ def synthesise(folder, lanes, board):
         lines = "".join(f"{generator.getrandbits(32):08x}\n" for _ in range(words))
         (ROOT / path).write_text(lines, encoding="ascii")
         settings.append(f'-G {path.stem.upper()}_FILE="{path}"')
-    sources = [processor(), *sorted(path.relative_to(ROOT) for path in (ROOT / RTL).glob("*.sv"))]
+    ours = [path for name in ("*.sv", "vexriscv/*.sv") for path in sorted((ROOT / RTL).glob(name))]
+    sources = [processor(), *(path.relative_to(ROOT) for path in ours)]
     top, _ = BOARDS[board]
     around = f"read_verilog {SYNTH}/{board}.v\n" if board is not None else ""
     script = folder / "soc.ys"

@@ -241,7 +241,7 @@ fn compare_simulated(
         built_for.preset,
         difference.unwrap_or_default()
     );
-    let name = format!("{}, simulated", board.name);
+    let name = format!("{}, simulated", board.full_name());
     Ok([
         name,
         pair.name.clone(),
