@@ -12,7 +12,7 @@ use crate::armv7em::select::{DISPARITIES_MIN, INDEX_BITS, INDEX_MASK, Subpixel};
 use crate::armv7em::simd::{in_order, splat_u16};
 
 /// Largest number of disparities, rounded up to a multiple of 16.
-pub(crate) const MAX_STRIDE: usize = 64;
+const MAX_STRIDE: usize = 64;
 
 /// Words of path costs whose loop is unrolled, and of the keys made of them. All rows of disparities are a multiple
 /// of them.
@@ -173,7 +173,7 @@ impl Run {
 }
 
 /// Writes the best matches of the other view, as [`AggregateRow::other_best`], in the place of their keys.
-pub(crate) fn unpack(others: &mut [u32], reached: usize) {
+fn unpack(others: &mut [u32], reached: usize) {
     for at in (0..others.len()).rev() {
         let keys = others.get(at / 2).copied().unwrap_or(NO_KEYS);
         let Some(other) = others.get_mut(at) else {
