@@ -5,8 +5,8 @@
 //!
 //! A board is tested if its compiler and emulator are installed (`cargo firmware setup`); otherwise its
 //! tests are listed as ignored. So are those on the model of a chip, and of boards that are built for one preset, which
-//! take minutes to build; of the variants of another board; of stereo units of other widths than the board's, and of what
-//! comes to the pins of the board without one: `-- --include-ignored stm32h743`, to name some, runs those as well.
+//! take minutes to build; of the variants of another board; of stereo units of other widths than the board's, of what
+//! comes to the pins of the board without one, and of the board with another processor: `-- --include-ignored stm32h743`, to name some, runs those as well.
 
 use std::io::Write;
 use std::process::{Command, Stdio};
@@ -15,7 +15,7 @@ use libtest_mimic::{Arguments, Failed, Trial};
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_boards::board::{
-    ALONE_DISPARITIES, Board, MPS2_AN500, MPS3_AN547, STM32F405, UNIT_LANES,
+    ALONE_DISPARITIES, Board, MPS2_AN500, MPS3_AN547, Processor, STM32F405, UNIT_LANES,
 };
 use vgstereo_boards::build::{build, build_suite};
 use vgstereo_boards::elf::Sizes;
@@ -75,8 +75,9 @@ const MODEL_TESTS: [(&str, BoardTest); 7] = [
     ("hung_bus", restarts_when_a_bus_hangs),
 ];
 
-/// Tests of each board in RTL, with its stereo unit and without, and whether each runs it: then it is ignored if the RTL
-/// cannot be simulated, and without the unit, as what is at the pins is the same.
+/// Tests of each board in RTL, with its stereo unit, without, and with another processor, and whether each runs it: then it
+/// is ignored if the RTL cannot be simulated, and without the unit, as what is at the pins is the same. With another
+/// processor, of whose firmware all has to be built, all are.
 const SIMULATION_TESTS: [(&str, BoardTest, bool); 5] = [
     ("panics", no_panic_in_the_pipeline, false),
     ("memory", within_its_block_ram, false),
@@ -90,22 +91,22 @@ fn main() {
     for board in Board::simulated() {
         let name = format!("{}::instructions", board.name);
         let trial = Trial::test(name, move || the_byte_instructions_equal_plain_code(&board));
-        trials.push(trial.with_ignored_flag(Simulator::find().is_err()));
+        let unsimulated = Simulator::find(Processor::VexRiscv).is_err();
+        trials.push(trial.with_ignored_flag(unsimulated));
         for lanes in UNIT_LANES {
             let other = board.with_unit(lanes);
             let name = format!("{}::unit_{lanes}", board.name);
             let trial = Trial::test(name, move || the_stereo_unit_equals_the_reference(&other));
-            trials.push(trial.with_ignored_flag(Simulator::find().is_err() || other != board));
+            trials.push(trial.with_ignored_flag(unsimulated || other != board));
         }
     }
-    let with_and_without = |board: Board| [(board, true), (board.with_unit(0), false)];
-    for (board, has_unit) in Board::simulated().flat_map(with_and_without) {
-        let unbuilt = toolchain::ensure_complete(&[board]).is_err();
-        for (name, test, is_run) in SIMULATION_TESTS {
-            let name = format!("{}::{name}", board.program());
+    for (board, suffix, is_built, is_run) in Board::simulated().flat_map(simulated_variants) {
+        let unbuilt = !is_built || toolchain::ensure_complete(&[board]).is_err();
+        let unsimulated = !is_run || Simulator::find(Processor::VexRiscv).is_err();
+        for (name, test, runs) in SIMULATION_TESTS {
+            let name = format!("{}{suffix}::{name}", board.program());
             let trial = Trial::test(name, move || test(&board));
-            let absent = unbuilt || (is_run && (Simulator::find().is_err() || !has_unit));
-            trials.push(trial.with_ignored_flag(absent));
+            trials.push(trial.with_ignored_flag(unbuilt || (runs && unsimulated)));
         }
     }
     for board in Board::real() {
@@ -140,6 +141,18 @@ fn main() {
         }
     }
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
+}
+
+/// A board in RTL with its stereo unit, without, and without and with another processor: what comes after the name of the
+/// program in the names of its tests, and whether it is built and run without being asked for.
+fn simulated_variants(board: Board) -> [(Board, &'static str, bool, bool); 3] {
+    let plain = board.with_unit(0);
+    let other = plain.with_processor(Processor::Cv32e40p);
+    [
+        (board, "", true, true),
+        (plain, "", true, false),
+        (other, "-cv32e40p", false, false),
+    ]
 }
 
 /// The built-in scene, with more lines than all stages together look ahead.

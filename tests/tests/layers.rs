@@ -41,10 +41,11 @@ const CRATES: [Layers; 7] = [
     Layers {
         sources: "core/kernels/src",
         rooms: &[
-            &["cases"],
+            &["cases", "xpulp"],
             &["aarch64", "armv7em", "stereo_unit", "x86_64"],
             &["helium", "rv32", "native"],
             &["rv32_bytes"],
+            &["rv32_xpulp"],
         ],
         allowed: &[],
     },

@@ -2,8 +2,8 @@
 //! instruction set.
 //!
 //! Every set implements [`Kernels`](vgstereo_core::kernel::Kernels) and equals the reference,
-//! [`Portable`](vgstereo_core::kernel::Portable), bit for bit. [`Armv7em`], [`Rv32`] and [`Rv32Bytes`] are for
-//! microcontrollers, as is `Helium`, which is there where the compiler's flags name a processor with
+//! [`Portable`](vgstereo_core::kernel::Portable), bit for bit. [`Armv7em`], [`Rv32`], [`Rv32Bytes`] and [`Rv32Xpulp`] are
+//! for microcontrollers, as is `Helium`, which is there where the compiler's flags name a processor with
 //! these instructions. [`NativeKernels`] is for programs that learn only at run time which
 //! instructions the processor has.
 //!
@@ -31,9 +31,14 @@ mod helium;
 mod native;
 mod rv32;
 mod rv32_bytes;
+mod rv32_xpulp;
 mod stereo_unit;
 #[cfg(all(target_arch = "x86_64", feature = "std"))]
 pub mod x86_64;
+// Some are used only by kernels of `armv7em`, and there only on the processor that has them.
+#[cfg_attr(not(xpulp), allow(dead_code))]
+#[allow(unsafe_code)]
+mod xpulp;
 
 pub use armv7em::Armv7em;
 #[cfg(helium)]
@@ -44,4 +49,5 @@ pub use rv32_bytes::Rv32Bytes;
 #[cfg(feature = "cases")]
 #[doc(hidden)]
 pub use rv32_bytes::byte_instruction;
+pub use rv32_xpulp::Rv32Xpulp;
 pub use stereo_unit::{Port, StereoUnit};

@@ -68,10 +68,51 @@ pub struct Model {
 pub struct Simulation {
     /// The preset of the firmware.
     pub preset: Preset,
+    /// The processor that it has.
+    pub processor: Processor,
     /// How many costs its stereo unit makes in a cycle, one of [`UNIT_LANES`]; 0 if it has none.
     pub unit_lanes: u32,
     /// Packages that are compiled to be small rather than fast: the code has to fit the FPGA's memory.
     pub small_packages: &'static [&'static str],
+}
+
+/// A processor that a board in RTL may have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Processor {
+    /// VexRiscv: RV32IM, with caches, and byte instructions of ours.
+    VexRiscv,
+    /// CV32E40P: RV32IMC with the Xpulp instructions; words need no alignment.
+    Cv32e40p,
+}
+
+impl Processor {
+    /// All processors, the default first.
+    pub const ALL: [Self; 2] = [Self::VexRiscv, Self::Cv32e40p];
+
+    /// Returns its name on the command line. The folder of its RTL and the feature of the firmware have it too.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::VexRiscv => "vexriscv",
+            Self::Cv32e40p => "cv32e40p",
+        }
+    }
+
+    /// Returns the target triple of firmware for it.
+    const fn target(self) -> &'static str {
+        match self {
+            Self::VexRiscv => "riscv32im-unknown-none-elf",
+            Self::Cv32e40p => "riscv32imc-unknown-none-elf",
+        }
+    }
+
+    /// Returns the flags of the compiler for it.
+    const fn compiler_flags(self) -> &'static [&'static str] {
+        match self {
+            Self::VexRiscv => &[],
+            Self::Cv32e40p => &["-Ctarget-feature=+unaligned-scalar-mem"],
+        }
+    }
 }
 
 /// The presets for which there are boards that are built for one alone.
@@ -83,7 +124,6 @@ pub const UNIT_LANES: [u32; 3] = [8, 16, 32];
 const ARM_TARGET: &str = "thumbv7em-none-eabihf";
 const ARMV8M_TARGET: &str = "thumbv8m.main-none-eabihf";
 const RISCV_TARGET: &str = "riscv32imac-unknown-none-elf";
-const SOFT_CORE_TARGET: &str = "riscv32im-unknown-none-elf";
 
 /// The reference board: STM32F405, a Cortex-M4F.
 pub const STM32F405: Board = Board {
@@ -217,18 +257,18 @@ pub const STM32F407: Board = Board {
     is_small: false,
 };
 
-/// A system on a chip of ours in RTL, with two camera ports: VexRiscv, as on an FPGA. It is simulated, cycle
-/// by cycle.
+/// A system on a chip of ours in RTL, with two camera ports, as on an FPGA. It is simulated, cycle by cycle.
 pub const SOFTCORE: Board = Board {
     name: "softcore",
     folder: "softcore",
-    target: SOFT_CORE_TARGET,
-    compiler_flags: &[],
+    target: Processor::VexRiscv.target(),
+    compiler_flags: Processor::VexRiscv.compiler_flags(),
     emulation: None,
     kernel_suite: None,
     model: None,
     simulation: Some(Simulation {
         preset: Preset::Lite,
+        processor: Processor::VexRiscv,
         unit_lanes: 16,
         small_packages: &["vgstereo-emulated", "vgstereo-link", "libm", "postcard"],
     }),
@@ -267,6 +307,23 @@ impl Board {
             ..simulation
         });
         Self { simulation, ..self }
+    }
+
+    /// Returns the board with another processor, if it is one in RTL.
+    #[must_use]
+    pub fn with_processor(self, processor: Processor) -> Self {
+        let Some(simulation) = self.simulation else {
+            return self;
+        };
+        Self {
+            target: processor.target(),
+            compiler_flags: processor.compiler_flags(),
+            simulation: Some(Simulation {
+                processor,
+                ..simulation
+            }),
+            ..self
+        }
     }
 
     /// Returns whether it is a variant of another board: one before it in [`ALL`](Self::ALL), of the same compiler target
@@ -323,12 +380,15 @@ impl Board {
         })
     }
 
-    /// Returns the name, with the preset that it is built for if that is one.
+    /// Returns the name, with the preset that it is built for if that is one, and the processor if it is not the default.
     #[must_use]
     pub fn full_name(&self) -> String {
-        match self.alone {
-            Some(preset) => format!("{}, {preset} alone", self.name),
-            None => self.name.to_owned(),
+        match (self.alone, self.simulation) {
+            (Some(preset), _) => format!("{}, {preset} alone", self.name),
+            (None, Some(simulation)) if simulation.processor != Processor::VexRiscv => {
+                format!("{}, {}", self.name, simulation.processor.name())
+            }
+            (None, _) => self.name.to_owned(),
         }
     }
 

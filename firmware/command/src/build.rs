@@ -54,11 +54,22 @@ fn build_program(
         eprintln!("compiling the firmware of {program}");
     }
     configure(&mut command, board, &toolchain(board)?, profile);
-    command.args(options).current_dir(package_folder(package));
+    command
+        .args(processor_options(board))
+        .args(options)
+        .current_dir(package_folder(package));
     let status = command.status().context("cannot run cargo")?;
     ensure!(status.success(), "the firmware of {program} does not build");
     let folder = target_folder(board).join(board.target).join(profile);
     Ok(folder.join(program))
+}
+
+/// The options of cargo that name the processor of a board in RTL.
+fn processor_options(board: &Board) -> impl Iterator<Item = &'static str> {
+    let processor = board.simulation.map(|simulation| simulation.processor);
+    let options =
+        processor.map(|processor| ["--no-default-features", "--features", processor.name()]);
+    options.into_iter().flatten()
 }
 
 /// The release profile of the boards' workspace, for a build in the workspace of the host: the standard library is
@@ -112,6 +123,7 @@ pub fn lint(board: &Board) -> Result<()> {
             .env("CLIPPY_ARGS", "-Dwarnings__CLIPPY_HACKERY__")
             .current_dir(package_folder(package));
         configure(&mut own, board, &toolchain, "release");
+        own.args(processor_options(board));
         own.arg("--").args(LINT_ONLY);
         commands.push(own);
     }

@@ -13,7 +13,7 @@ use vgstereo_firmware::camera::ErrorKind;
 use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
 use vgstereo_sim::files::write_files;
 
-use crate::board::{Board, Simulation};
+use crate::board::{Board, Processor, Simulation};
 use crate::elf::{self, Image};
 use crate::host::Frames;
 use crate::pair::Pair;
@@ -101,7 +101,7 @@ pub struct Ran {
 /// # Errors
 /// Fails with one line that says what it is built for.
 pub fn ensure_built_for(board: &Board, request: &Request) -> Result<()> {
-    let simulation = board.simulation.context("the board is not simulated")?;
+    let simulation = simulation_of(board)?;
     ensure!(
         request.preset == simulation.preset
             && request.geometry.format.is_grey()
@@ -118,13 +118,26 @@ pub fn ensure_built_for(board: &Board, request: &Request) -> Result<()> {
 /// # Errors
 /// Fails with one line when a tool is missing or the RTL does not build.
 pub fn build(board: &Board) -> Result<PathBuf> {
+    let Simulation {
+        processor,
+        unit_lanes: lanes,
+        ..
+    } = simulation_of(board)?;
+    let tools = tools(processor)?;
     let sources = root().join("firmware/boards").join(board.folder);
-    let mut files = files_with(&sources.join("rtl"), "sv")?;
+    let mut files = tools.processor.clone();
+    files.extend(files_with(&sources.join("rtl"), "sv")?);
+    files.extend(files_with(
+        &sources.join("rtl").join(processor.name()),
+        "sv",
+    )?);
     files.extend(files_with(&sources.join("sim"), "cpp")?);
-    files.push(Simulator::find()?.processor);
-    let lanes = unit_lanes(board)?;
     let setting = format!("-GUNIT_LANES={lanes}");
-    verilate(&format!("sim{lanes}"), "soc", &[&setting], &files)
+    let name = match processor {
+        Processor::VexRiscv => format!("sim{lanes}"),
+        _ => format!("sim{lanes}-{}", processor.name()),
+    };
+    verilate(&tools, &name, "soc", &[&setting], &files)
 }
 
 /// Makes a program of a board's stereo unit alone, with a memory beside it, and returns its path.
@@ -132,41 +145,54 @@ pub fn build(board: &Board) -> Result<PathBuf> {
 /// # Errors
 /// Fails with one line when a tool is missing or the RTL does not build.
 pub fn build_unit(board: &Board) -> Result<PathBuf> {
-    let lanes = unit_lanes(board)?;
+    let simulation = simulation_of(board)?;
+    let lanes = simulation.unit_lanes;
     let setting = format!("-GLANES={lanes}");
-    let files = files_of_part(board, "unit")?;
-    verilate(&format!("unit{lanes}"), "stereo_unit", &[&setting], &files)
+    let files = files_of_part(board, "", "unit")?;
+    let tools = tools(simulation.processor)?;
+    let name = format!("unit{lanes}");
+    verilate(&tools, &name, "stereo_unit", &[&setting], &files)
 }
 
-/// Makes a program of the processor's byte instructions alone, and returns its path. It reads instructions and writes
+/// Makes a program of VexRiscv's byte instructions alone, and returns its path. It reads instructions and writes
 /// their results, as `sim/instructions/main.cpp` says.
 ///
 /// # Errors
 /// Fails with one line when a tool is missing or the RTL does not build.
 pub fn build_instructions(board: &Board) -> Result<PathBuf> {
-    let files = files_of_part(board, "instructions")?;
-    verilate("instructions", "byte_instructions", &[], &files)
+    let files = files_of_part(board, Processor::VexRiscv.name(), "instructions")?;
+    let tools = tools(Processor::VexRiscv)?;
+    verilate(&tools, "instructions", "byte_instructions", &[], &files)
 }
 
-/// Returns the files of a board but for the whole system, and of what is around a part of it.
-fn files_of_part(board: &Board, part: &str) -> Result<Vec<PathBuf>> {
+/// Returns the files of a folder of a board's RTL but for the whole system and its processor, and of what is around a part
+/// of it.
+fn files_of_part(board: &Board, folder: &str, part: &str) -> Result<Vec<PathBuf>> {
     let sources = root().join("firmware/boards").join(board.folder);
-    let mut files = files_with(&sources.join("rtl"), "sv")?;
-    files.retain(|file| !file.ends_with("soc.sv"));
+    let mut files = files_with(&sources.join("rtl").join(folder), "sv")?;
+    files.retain(|file| !file.ends_with("soc.sv") && !file.ends_with("processor.sv"));
     files.extend(files_with(&sources.join("sim").join(part), "cpp")?);
     Ok(files)
 }
 
-fn unit_lanes(board: &Board) -> Result<u32> {
-    let simulation = board.simulation.context("the board is not simulated")?;
-    Ok(simulation.unit_lanes)
+fn simulation_of(board: &Board) -> Result<Simulation> {
+    board.simulation.context("the board is not simulated")
+}
+
+fn tools(processor: Processor) -> Result<Simulator> {
+    Simulator::find(processor).context(
+        "it cannot be simulated: cargo firmware setup tells how to install what is missing",
+    )
 }
 
 /// Makes a program of a module in RTL and what is around it, in a folder of its own, and returns its path.
-fn verilate(name: &str, module: &str, settings: &[&str], files: &[PathBuf]) -> Result<PathBuf> {
-    let tools = Simulator::find().context(
-        "it cannot be simulated: cargo firmware setup tells how to install what is missing",
-    )?;
+fn verilate(
+    tools: &Simulator,
+    name: &str,
+    module: &str,
+    settings: &[&str],
+    files: &[PathBuf],
+) -> Result<PathBuf> {
     let folder = Simulator::folder().join(name);
     let making = || format!("cannot write {}", folder.display());
     fs::create_dir_all(&folder).with_context(making)?;
@@ -178,7 +204,7 @@ fn verilate(name: &str, module: &str, settings: &[&str], files: &[PathBuf]) -> R
         .args(["--cc", "--exe", "--build", "-O3", "--noassert"])
         .args(["--x-assign", "fast", "--x-initial", "fast"])
         // The processor's source is not ours to mend.
-        .args(["-Wno-fatal", "-Wno-lint", "-Wno-style"])
+        .args(["-Wno-fatal", "-Wno-lint", "-Wno-style", "-Wno-BLKANDNBLK"])
         .args(["-CFLAGS", "-std=c++17", "-MAKEFLAGS", "OPT_FAST=-O2"])
         .args(settings)
         .args(["--top-module", module, "-o", "program", "--Mdir"])

@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, bail, ensure};
 
-use crate::board::Board;
+use crate::board::{Board, Processor};
 
 /// Debian's compiler. Its packages bring the source of the standard library.
 const DEBIAN_COMPILER: &str = "/usr/bin/rustc";
@@ -144,21 +144,22 @@ const SIMULATOR_PACKAGES: [&str; 4] = ["verilator", "g++", "make", "python3-venv
 pub struct Simulator {
     /// The path of Verilator.
     pub verilator: PathBuf,
-    /// The path of the processor in Verilog.
-    pub processor: PathBuf,
+    /// The paths of the processor in Verilog, in the order in which they are read.
+    pub processor: Vec<PathBuf>,
 }
 
 impl Simulator {
-    /// Returns the tools.
+    /// Returns the tools for boards with a processor.
     ///
     /// # Errors
     /// Fails with one line that names what is missing.
-    pub fn find() -> Result<Self> {
+    pub fn find(processor: Processor) -> Result<Self> {
         let named = |name: &str| program(name).with_context(|| format!("there is no {name}"));
         let verilator = named("verilator")?;
         named("g++")?;
         named("make")?;
-        let processor = processor().context("there is no VexRiscv")?;
+        let sources = sources(processor);
+        let processor = sources.with_context(|| format!("there is no {}", processor.name()))?;
         Ok(Self {
             verilator,
             processor,
@@ -177,15 +178,35 @@ impl Simulator {
     }
 }
 
-/// Returns the path of the processor in Verilog, if it is installed.
-fn processor() -> Option<PathBuf> {
+/// Returns the paths of a processor in Verilog, if it is installed.
+fn sources(processor: Processor) -> Option<Vec<PathBuf>> {
+    let file = match processor {
+        Processor::VexRiscv => "pythondata_cpu_vexriscv/verilog/VexRiscv_FullCfu.v",
+        Processor::Cv32e40p => "pythondata_cpu_cv32e40p/system_verilog/cv32e40p_manifest.flist",
+    };
     // The folder has the version of Python in its name.
     let versions = std::fs::read_dir(Simulator::environment().join("lib")).ok()?;
     let mut all = versions.flatten().map(|version| {
         let packages = version.path().join("site-packages");
-        packages.join("pythondata_cpu_vexriscv/verilog/VexRiscv_FullCfu.v")
+        packages.join(file)
     });
-    all.find(|path| path.is_file())
+    let path = all.find(|path| path.is_file())?;
+    match processor {
+        Processor::VexRiscv => Some(vec![path]),
+        Processor::Cv32e40p => {
+            let list = std::fs::read_to_string(&path).ok()?;
+            Some(listed(&list, &path.with_file_name("rtl")))
+        }
+    }
+}
+
+/// Returns the files of a list of Verilog's sources that are in its folder of RTL: the others simulate what is around.
+fn listed(list: &str, rtl: &Path) -> Vec<PathBuf> {
+    let names = list
+        .lines()
+        .filter_map(|line| line.strip_prefix("${DESIGN_RTL_DIR}/"));
+    let names = names.filter(|name| !name.starts_with(".."));
+    names.map(|name| rtl.join(name.trim_end())).collect()
 }
 
 /// Installs the processors of boards in RTL in a Python environment of their own.
@@ -345,9 +366,10 @@ pub fn needs(boards: &[Board]) -> Result<Vec<Need>> {
         });
     }
     for board in boards.iter().filter(|board| board.simulation.is_some()) {
-        let missing = Simulator::find().err();
+        let mut processors = Processor::ALL.into_iter().map(Simulator::find);
+        let missing = processors.find_map(Result::err);
         needs.push(Need {
-            what: format!("Verilator and VexRiscv for {}, only to run it", board.name),
+            what: format!("Verilator and processors for {}, only to run it", board.name),
             found: match &missing {
                 None => Some(format!("in the path, and in {}", Simulator::environment().display())),
                 Some(_) => None,
@@ -399,7 +421,8 @@ pub fn install(boards: &[Board]) -> Result<()> {
         apt_get(&arguments)?;
     }
     let is_simulated = boards.iter().any(|board| board.simulation.is_some());
-    if is_simulated && processor().is_none() {
+    let is_complete = Processor::ALL.into_iter().all(|one| sources(one).is_some());
+    if is_simulated && !is_complete {
         install_processor()?;
     }
     Ok(())
@@ -420,6 +443,14 @@ fn apt_get(arguments: &[&str]) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_files_of_a_processor_are_those_of_its_folder_in_their_order() {
+        let list = "// Comment\n+incdir+${DESIGN_RTL_DIR}/include\n${DESIGN_RTL_DIR}/include/b.sv\n\
+                    ${DESIGN_RTL_DIR}/a.sv\n${DESIGN_RTL_DIR}/../bhv/c.sv\n";
+        let expected = ["rtl/include/b.sv", "rtl/a.sv"].map(PathBuf::from);
+        assert_eq!(listed(list, Path::new("rtl")), expected);
+    }
 
     #[test]
     fn the_compilers_version_is_read() {

@@ -115,6 +115,7 @@ fn what_is_wrong_is_said_on_one_line() {
             "one in a frame",
         ),
         (simulated(&["--preset", "micro"]), "is built for lite"),
+        (simulated(&["--cpu", "z80"]), "vexriscv and cv32e40p"),
         (
             simulated(&["--fault", "0:3:bus-error"]),
             "dropped-line, lost-sync",

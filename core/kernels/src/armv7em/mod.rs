@@ -2,8 +2,9 @@
 //!
 //! A register holds four bytes or two halfwords, and the instructions of the DSP extension work on
 //! all of them at once. The kernels are written in terms of `simd`, whose functions are one or two
-//! of these instructions on targets that have them, and about a dozen ordinary ones with the same
-//! result elsewhere. So the code that runs on the chip is tested on the host.
+//! of these instructions on targets that have them, a few of Xpulp on those that have these, and about
+//! a dozen ordinary ones with the same result elsewhere. So the code that runs on the chip is tested on
+//! the host.
 
 mod aggregate;
 mod arms;

@@ -236,7 +236,7 @@ selection! {
     /// Takes the halfword of `yes` where the signed halfword of `a` is at least that of `b`,
     /// elsewhere the halfword of `no`.
     select_ge_i16x2, "ssub16",
-    |a, b| lanes::at_least::<HALFWORDS>(a ^ lanes::tops(HALFWORDS), b ^ lanes::tops(HALFWORDS))
+    |a, b| lanes::at_least::<HALFWORDS>(a ^ TOPS_I16, b ^ TOPS_I16)
 }
 
 /// 1 in each byte in which `a` is at least `b`, elsewhere 0.
@@ -464,14 +464,28 @@ pub(super) fn min_u16x2(a: u32, b: u32) -> u32 {
 #[inline(always)]
 #[must_use]
 pub(super) fn min_i16x2(a: u32, b: u32) -> u32 {
-    select_ge_i16x2(a, b, b, a)
+    #[cfg(xpulp)]
+    {
+        crate::xpulp::min_i16x2(a, b)
+    }
+    #[cfg(not(xpulp))]
+    {
+        select_ge_i16x2(a, b, b, a)
+    }
 }
 
 /// The larger signed halfword of each lane.
 #[inline(always)]
 #[must_use]
 pub(super) fn max_i16x2(a: u32, b: u32) -> u32 {
-    select_ge_i16x2(a, b, a, b)
+    #[cfg(xpulp)]
+    {
+        crate::xpulp::max_i16x2(a, b)
+    }
+    #[cfg(not(xpulp))]
+    {
+        select_ge_i16x2(a, b, a, b)
+    }
 }
 
 /// Widens bytes 0 and 2 to halfwords.
@@ -485,7 +499,14 @@ pub(crate) fn even_bytes(a: u32) -> u32 {
 #[inline(always)]
 #[must_use]
 pub(crate) fn odd_bytes(a: u32) -> u32 {
-    a >> 8 & 0x00ff_00ff
+    #[cfg(xpulp)]
+    {
+        crate::xpulp::odd_bytes(a)
+    }
+    #[cfg(not(xpulp))]
+    {
+        a >> 8 & 0x00ff_00ff
+    }
 }
 
 /// Calls `body` with each index from 0 to `COUNT - 1`, at most 15, without a loop, so that every
@@ -548,16 +569,24 @@ fn signed_halfwords(a: u32, b: u32, each: impl Fn(i16, i16) -> i16) -> u32 {
     })
 }
 
+/// The same by instructions of Xpulp.
+#[cfg(xpulp)]
+use crate::xpulp::lanes;
+
 /// Number of bits per lane.
 #[cfg(not(dsp_extension))]
 const BYTES: u32 = 8;
 #[cfg(not(dsp_extension))]
 const HALFWORDS: u32 = 16;
 
+/// Top bit of each halfword.
+#[cfg(not(dsp_extension))]
+const TOPS_I16: u32 = 0x8000_8000;
+
 /// Replacements of the instructions by operations on whole registers: lanes of `BITS` bits, none of
 /// which carries or borrows into the next. For processors without such instructions, such as
 /// RISC-V.
-#[cfg(not(dsp_extension))]
+#[cfg(not(any(dsp_extension, xpulp)))]
 mod lanes {
     /// Top bit of each lane.
     #[inline(always)]

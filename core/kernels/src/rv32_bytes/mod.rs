@@ -12,7 +12,7 @@ mod pack;
 ))]
 mod plain;
 mod quads;
-mod select;
+pub(crate) mod select;
 mod smooth;
 
 use vgstereo_core::forward_kernels;

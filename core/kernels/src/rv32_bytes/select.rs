@@ -20,10 +20,10 @@ const BLOCK: usize = 4;
 const KEYS: usize = 2 * BLOCK;
 
 /// Two keys that are not less than any other.
-const NO_KEYS: u32 = u32::MAX;
+pub(crate) const NO_KEYS: u32 = u32::MAX;
 
 /// Keys of a pixel, with a word before the first and one behind the last.
-type Keys = [u32; MAX_STRIDE / 2 + 2];
+pub(crate) type Keys = [u32; MAX_STRIDE / 2 + 2];
 
 /// Equals [`kernel::select_row`] bit for bit.
 pub(super) fn select_row(row: &mut AggregateRow<'_>) {
@@ -65,7 +65,7 @@ fn select_pixels(row: &mut AggregateRow<'_>) -> Option<()> {
         } else {
             meet::<true>([left, right, above], others, &mut keys)
         };
-        let selected = select(key, &mut keys, disparities, words, &subpixel);
+        let selected = select(min_u16x2, key, &mut keys, disparities, words, &subpixel);
         *best = selected.index;
         *refined_index_q4 = selected.refined_index_q4;
         *margin = selected.margin;
@@ -189,16 +189,17 @@ fn unpack(others: &mut [u32], reached: usize) {
 }
 
 /// Result of the selection for one pixel, as in [`AggregateRow`].
-struct Selected {
-    index: u16,
-    refined_index_q4: i16,
-    margin: i16,
+pub(crate) struct Selected {
+    pub(crate) index: u16,
+    pub(crate) refined_index_q4: i16,
+    pub(crate) margin: i16,
 }
 
 /// Returns the best disparity, refined by the sums of its neighbours, and its margin over the second best. Overwrites
-/// the keys around the best.
+/// the keys around the best. `lesser` gives the lesser halfword of each lane.
 #[inline(always)]
-fn select(
+pub(crate) fn select(
+    lesser: impl Fn(u32, u32) -> u32,
     key: u32,
     keys: &mut Keys,
     disparities: usize,
@@ -223,12 +224,12 @@ fn select(
     let mut least = [NO_KEYS; 2];
     for keys in keys.as_chunks::<KEYS>().0.iter().take(words / BLOCK) {
         let [a, b, c, d, e, f, g, h] = *keys;
-        let first = min_u16x2(min_u16x2(a, c), min_u16x2(e, g));
-        let second = min_u16x2(min_u16x2(b, d), min_u16x2(f, h));
-        least = [min_u16x2(least[0], first), min_u16x2(least[1], second)];
+        let first = lesser(lesser(a, c), lesser(e, g));
+        let second = lesser(lesser(b, d), lesser(f, h));
+        least = [lesser(least[0], first), lesser(least[1], second)];
     }
-    let least = min_u16x2(least[0], least[1]);
-    let second = (min_u16x2(least, least >> 16) & 0xffff) >> INDEX_BITS;
+    let least = lesser(least[0], least[1]);
+    let second = (lesser(least, least >> 16) & 0xffff) >> INDEX_BITS;
     Selected {
         index: index as u16,
         refined_index_q4: (index as i32 * i32::from(STEPS_PER_PX) + step_q4) as i16,

@@ -26,7 +26,7 @@ use vgstereo_kernels::cases::{
 };
 #[cfg(target_arch = "x86_64")]
 use vgstereo_kernels::x86_64::{Avx2, Avx512};
-use vgstereo_kernels::{Armv7em, NativeKernels, Rv32, Rv32Bytes};
+use vgstereo_kernels::{Armv7em, NativeKernels, Rv32, Rv32Bytes, Rv32Xpulp};
 
 #[cfg(unix)]
 #[global_allocator]
@@ -76,6 +76,7 @@ fn main() {
     trials.extend(suite!("armv7em": Some(Armv7em)));
     trials.extend(suite!("rv32": Some(Rv32)));
     trials.extend(suite!("rv32_bytes": Some(Rv32Bytes)));
+    trials.extend(suite!("rv32_xpulp": Some(Rv32Xpulp)));
     #[cfg(target_arch = "x86_64")]
     {
         trials.extend(suite!("avx2": Avx2::detect()));

@@ -1,6 +1,6 @@
-// The system on a chip: VexRiscv with byte instructions, its memories, two camera ports, a serial port, a timer with a
-// watchdog, eight LEDs, the bus that sets the sensors up, and the stereo unit, which reads the data memory while the
-// processor does not. The processor caches what is below 0x8000_0000.
+// The system on a chip: a processor, its memories, two camera ports, a serial port, a timer with a watchdog, eight LEDs,
+// the bus that sets the sensors up, and the stereo unit, which reads the data memory while the processor does not. The
+// module `processor` is that of the folder vexriscv or cv32e40p.
 //
 //  0x0000_0000  code, fetched only
 //  0x1000_0000  data
@@ -41,62 +41,25 @@ module soc #(
 );
   logic core_rst_n;
 
-  // Instructions. Each word of a burst but the first comes with the next cycle: while one is
-  // acknowledged, the memory is at the next.
-  logic code_cyc, code_stb, code_ack;
-  logic [29:0] code_adr;
-  logic [2:0] code_cti;
+  // Instructions: what the memory has at code_word comes with the next cycle. Data likewise. While an access of the
+  // processor is active, the data memory is the processor's; a read begins, and a write is done, in one cycle.
+  logic code_reads;
+  logic [29:0] code_word;
   logic [31:0] code_data;
-  // Data: the same for reads. Writes are taken at once.
-  logic data_cyc, data_stb, data_we, read_ack;
-  logic [29:0] data_adr;
-  logic [2:0] data_cti;
-  logic [3:0] data_sel;
+  logic data_active, data_reads, data_writes;
+  logic [29:0] data_word;
+  logic [3:0] data_bytes;
   logic [31:0] data_out, data_in;
-  localparam logic [2:0] IN_BURST = 3'b010;
-
-  wire code_active = code_cyc && code_stb;
-  wire data_active = data_cyc && data_stb;
-  wire data_writes = data_active && data_we;
-  wire code_goes_on = code_ack && code_cti == IN_BURST;
-  wire data_goes_on = read_ack && data_cti == IN_BURST;
-  always_ff @(posedge clk) begin
-    code_ack <= core_rst_n && code_active && (!code_ack || code_goes_on);
-    read_ack <= core_rst_n && data_active && !data_we && (!read_ack || data_goes_on);
-  end
-
-  // Instructions of our own.
-  logic cfu_asks, cfu_takes, cfu_has_result, cfu_result_taken;
-  logic [9:0] cfu_id;
-  logic [31:0] cfu_a, cfu_b, cfu_result;
-  byte_instructions instructions (
-      .clk, .rst_n(core_rst_n), .asks(cfu_asks), .takes(cfu_takes), .id(cfu_id), .a(cfu_a), .b(cfu_b),
-      .has_result(cfu_has_result), .result_taken(cfu_result_taken), .result(cfu_result));
-  VexRiscv cpu (
-      .clk, .reset(!core_rst_n), .externalResetVector(32'h0), .timerInterrupt(1'b0),
-      .softwareInterrupt(1'b0), .externalInterruptArray(32'b0),
-      .iBusWishbone_CYC(code_cyc), .iBusWishbone_STB(code_stb), .iBusWishbone_ACK(code_ack),
-      .iBusWishbone_WE(), .iBusWishbone_ADR(code_adr), .iBusWishbone_DAT_MISO(code_data),
-      .iBusWishbone_DAT_MOSI(), .iBusWishbone_SEL(), .iBusWishbone_ERR(1'b0),
-      .iBusWishbone_CTI(code_cti), .iBusWishbone_BTE(),
-      .dBusWishbone_CYC(data_cyc), .dBusWishbone_STB(data_stb),
-      .dBusWishbone_ACK(read_ack || data_writes), .dBusWishbone_WE(data_we),
-      .dBusWishbone_ADR(data_adr), .dBusWishbone_DAT_MISO(data_in),
-      .dBusWishbone_DAT_MOSI(data_out), .dBusWishbone_SEL(data_sel), .dBusWishbone_ERR(1'b0),
-      .dBusWishbone_CTI(data_cti), .dBusWishbone_BTE(),
-      .CfuPlugin_bus_cmd_valid(cfu_asks), .CfuPlugin_bus_cmd_ready(cfu_takes),
-      .CfuPlugin_bus_cmd_payload_function_id(cfu_id), .CfuPlugin_bus_cmd_payload_inputs_0(cfu_a),
-      .CfuPlugin_bus_cmd_payload_inputs_1(cfu_b), .CfuPlugin_bus_rsp_valid(cfu_has_result),
-      .CfuPlugin_bus_rsp_ready(cfu_result_taken), .CfuPlugin_bus_rsp_payload_outputs_0(cfu_result));
+  processor cpu (
+      .clk, .rst_n(core_rst_n), .code_reads, .code_word, .code_data, .data_active, .data_reads, .data_writes, .data_word,
+      .data_bytes, .data_out, .data_in);
 
   localparam int CODE_AT = $clog2(CODE_WORDS);
   localparam int DATA_AT = $clog2(DATA_WORDS);
-  wire [29:0] code_word = code_goes_on ? code_adr + 1'b1 : code_adr;
-  wire [29:0] data_word = data_goes_on ? data_adr + 1'b1 : data_adr;
   code_ram #(.WORDS(CODE_WORDS), .FILE(CODE_FILE)) program_ram (
       .clk, .addr(code_word[CODE_AT-1:0]), .data(code_data));
 
-  wire [7:0] region = data_adr[29:22];
+  wire [7:0] region = data_word[29:22];
   wire is_data = region == 8'h10;
   wire is_uart = region == 8'h80;
   wire is_timer = region == 8'h81;
@@ -104,38 +67,37 @@ module soc #(
   wire is_leds = region == 8'h83;
   wire is_unit = region == 8'h84 && UNIT_LANES != 0;
   wire is_i2c = region == 8'h85;
-  wire reads = data_active && !data_we && !read_ack;
   logic [7:0] region_read;
   logic [31:0] ram_data, uart_data, timer_data, camera_data, unit_data, i2c_data;
-  // The unit has the data memory when the processor is not at what is cached.
+  // The unit has the data memory when the processor is not at what may be in it.
   logic unit_asks;
   logic [21:0] unit_word;
-  wire unit_takes = unit_asks && !(data_active && !data_adr[29]);
+  wire unit_takes = unit_asks && !(data_active && !data_word[29]);
 
   data_ram #(.WORDS(DATA_WORDS), .FILE(DATA_FILE)) variable_ram (
-      .clk, .addr(unit_takes ? unit_word[DATA_AT-1:0] : data_word[DATA_AT-1:0]), .write(data_writes && is_data), .bytes(data_sel),
+      .clk, .addr(unit_takes ? unit_word[DATA_AT-1:0] : data_word[DATA_AT-1:0]), .write(data_writes && is_data), .bytes(data_bytes),
       .write_data(data_out), .data(ram_data));
   uart #(.DIVIDER(BIT_CYCLES)) serial (
-      .clk, .rst_n(core_rst_n), .write(data_writes && is_uart), .read(reads && is_uart),
-      .addr({data_adr[0], 2'b0}), .write_data(data_out[7:0]), .read_data(uart_data), .rx, .tx);
+      .clk, .rst_n(core_rst_n), .write(data_writes && is_uart), .read(data_reads && is_uart),
+      .addr({data_word[0], 2'b0}), .write_data(data_out[7:0]), .read_data(uart_data), .rx, .tx);
   timer #(.CLOCK_MHZ(CLOCK_MHZ)) clock (
       .clk, .board_rst_n(rst_n), .rst_n(core_rst_n), .write(data_writes && is_timer),
-      .read(reads && is_timer), .addr({data_adr[1:0], 2'b0}), .write_data(data_out),
+      .read(data_reads && is_timer), .addr({data_word[1:0], 2'b0}), .write_data(data_out),
       .read_data(timer_data));
   dvp_pair #(.LINES(CAMERA_LINES), .LINE_WORDS(CAMERA_LINE_WORDS)) cameras (
       .clk, .rst_n(core_rst_n), .left_pclk, .left_vsync, .left_href, .left_d, .right_pclk,
       .right_vsync, .right_href, .right_d, .write(data_writes && is_camera),
-      .addr({data_adr[12:0], 2'b0}), .write_data(data_out), .read_data(camera_data),
+      .addr({data_word[12:0], 2'b0}), .write_data(data_out), .read_data(camera_data),
       .has_room(camera_has_room), .may_begin(camera_may_begin));
 
   i2c sensor_bus (
-      .clk, .rst_n(core_rst_n), .write(data_writes && is_i2c), .addr({data_adr[0], 2'b0}),
+      .clk, .rst_n(core_rst_n), .write(data_writes && is_i2c), .addr({data_word[0], 2'b0}),
       .write_data(data_out[11:0]), .read_data(i2c_data), .scl_low, .left_sda_low, .right_sda_low, .scl, .left_sda,
       .right_sda, .sensors_rst_n);
 
   if (UNIT_LANES != 0) begin : stereo
     stereo_unit #(.LANES(UNIT_LANES)) unit (
-        .clk, .rst_n(core_rst_n), .write(data_writes && is_unit), .addr({data_adr[10:0], 2'b0}),
+        .clk, .rst_n(core_rst_n), .write(data_writes && is_unit), .addr({data_word[10:0], 2'b0}),
         .write_data(data_out), .read_data(unit_data), .memory_asks(unit_asks), .memory_at(unit_word),
         .memory_takes(unit_takes), .memory_data(ram_data));
   end else begin : no_stereo
@@ -152,8 +114,8 @@ module soc #(
     else if (core_rst_n) begin
       if (data_active && !(is_data || is_uart || is_timer || is_camera || is_leds || is_unit || is_i2c))
         bus_fault <= 1'b1;
-      if (data_active && is_data && data_adr[21:0] >= 22'(DATA_WORDS)) bus_fault <= 1'b1;
-      if (code_active && code_adr >= 30'(CODE_WORDS)) bus_fault <= 1'b1;
+      if (data_active && is_data && data_word[21:0] >= 22'(DATA_WORDS)) bus_fault <= 1'b1;
+      if (code_reads && code_word >= 30'(CODE_WORDS)) bus_fault <= 1'b1;
     end
   end
   always_comb begin

@@ -17,6 +17,7 @@ use vgstereo_firmware::{Session, Watchdog};
 
 use crate::camera::Dvp;
 use crate::clock::{Cycles, Timer};
+use crate::processor;
 use crate::registers::LEDS;
 use crate::sink::{PACKET_BYTES, Sender};
 use crate::uart::SerialPort;
@@ -58,7 +59,7 @@ pub(crate) fn run(kernels: impl BoardKernels) -> ! {
     // SAFETY: it runs on the main stack, there is no heap, and no interrupt is enabled.
     let stack = unsafe { Stack::paint_main() };
     LEDS.write(LEDS_RUNNING);
-    enable_byte_instructions();
+    processor::start();
     let (memory, packet) = (&raw mut MEMORY, &raw mut PACKET);
     // SAFETY: this is the only place that takes them, and it is reached once.
     let (memory, packet) = unsafe { (&mut *memory, &mut *packet) };
@@ -82,12 +83,6 @@ pub(crate) fn run(kernels: impl BoardKernels) -> ! {
     loop {
         watchdog.feed();
     }
-}
-
-/// Makes the instructions of `rtl/byte_instructions.sv` legal, which the kernels use.
-fn enable_byte_instructions() {
-    // SAFETY: besides, the register is the mask of external interrupts, of which there are none.
-    unsafe { core::arch::asm!("csrw 0xbc0, {}", in(reg) 1_u32 << 31) };
 }
 
 /// Matches the frames of the request. Not inlined, so that what is only there before frames are matched
@@ -197,7 +192,7 @@ fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
     fail()
 }
 
-/// The handler of exceptions of the processor, such as an access that is not aligned: the board has failed.
+/// The handler of exceptions of the processor, such as an instruction that there is not: the board has failed.
 #[unsafe(no_mangle)]
 extern "C" fn ExceptionHandler(_: &riscv_rt::TrapFrame) -> ! {
     fail()

@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""Synthesises the soft core for an ECP5-85F, places and routes it, prints its resources and clocks, and makes bitstreams.
+"""Synthesises the soft core with VexRiscv for an ECP5-85F, places and routes it, and makes bitstreams.
+
+It prints what the system takes, and how fast it may be clocked.
 
 In the top folder of the repository:
 
@@ -8,9 +10,10 @@ In the top folder of the repository:
     target/softcore/synth/bin/python firmware/boards/softcore/synth/ecp5.py
 
 The tools choose the pins. With `--board ulx3s` the pins, the clocks and the reset are those of that board, whose system
-runs at 48 MHz; it is routed for more, as the tools stop at what they are asked for. What the memories hold changes neither resources nor clocks, so that they are filled with
-random words. `--image` puts those of a firmware in their place, as `cargo firmware image` writes them, and makes a
-bitstream; that takes seconds, and nothing is synthesised or routed again:
+runs at 48 MHz; it is routed for more, as the tools stop at what they are asked for. What the memories hold changes
+neither resources nor clocks, so that they are filled with random words. `--image` puts those of a firmware in their
+place, as `cargo firmware image` writes them, and makes a bitstream; that takes seconds, and nothing is synthesised or
+routed again:
 
     cargo firmware image --board softcore --out target/softcore/image
     target/softcore/synth/bin/python firmware/boards/softcore/synth/ecp5.py --board ulx3s
@@ -77,7 +80,8 @@ def synthesise(folder, lanes, board):
         lines = "".join(f"{generator.getrandbits(32):08x}\n" for _ in range(words))
         (ROOT / path).write_text(lines, encoding="ascii")
         settings.append(f'-G {path.stem.upper()}_FILE="{path}"')
-    sources = [processor(), *sorted(path.relative_to(ROOT) for path in (ROOT / RTL).glob("*.sv"))]
+    ours = [path for name in ("*.sv", "vexriscv/*.sv") for path in sorted((ROOT / RTL).glob(name))]
+    sources = [processor(), *(path.relative_to(ROOT) for path in ours)]
     top = BOARDS[board]
     around = f"read_verilog {SYNTH}/{board}.v\n" if board is not None else ""
     script = folder / "soc.ys"

@@ -13,7 +13,7 @@ use vgstereo_sim::disparity_files::DisparityFormat;
 use vgstereo_sim::files::{ensure_distinct_outputs, write_files};
 use vgstereo_sim::scan_files::ScanFormat;
 
-use super::selection::{UnitSelection, parse_executed_board};
+use super::selection::{SoftCore, parse_executed_board};
 use super::source::{Source, ensure_fits};
 use crate::board::{Board, Model};
 use crate::build::build;
@@ -42,7 +42,7 @@ pub struct Run {
     #[arg(long, value_name = "B", value_parser = parse_executed_board)]
     board: Board,
     #[command(flatten)]
-    unit: UnitSelection,
+    soft_core: SoftCore,
     #[command(flatten)]
     source: Source,
     #[command(flatten)]
@@ -62,7 +62,7 @@ impl Run {
     /// # Errors
     /// Fails with one line that names the file or option and the reason.
     pub fn run(mut self) -> Result<String> {
-        self.board = self.unit.applied(self.board);
+        self.board = self.soft_core.applied(self.board);
         ensure!(self.frames > 0, "--frames must be at least 1");
         let pair = self.source.pair(&self.board)?;
         let format = DisparityFormat::choose(&self.out, None, pair.disparities)?;

@@ -1,9 +1,9 @@
-//! The options `--board`, `--preset` and `--stereo-unit`, which several verbs take.
+//! The options `--board`, `--preset`, `--cpu` and `--stereo-unit`, which several verbs take.
 
 use clap::Args;
 use vgstereo_core::Preset;
 
-use crate::board::{Board, NotAlone, UNIT_LANES, UnknownBoard};
+use crate::board::{Board, NotAlone, Processor, UNIT_LANES, UnknownBoard};
 use crate::toolchain::{ModelCompiler, Simulator};
 
 /// The option of the verbs that build boards for one preset alone.
@@ -33,21 +33,35 @@ impl Alone {
     }
 }
 
-/// The option of the verbs that take the soft core.
+/// The options of the verbs that take the soft core.
 #[derive(Debug, Clone, Args)]
-pub struct UnitSelection {
+pub struct SoftCore {
+    /// Processor of softcore: vexriscv or cv32e40p [default: vexriscv].
+    #[arg(long, value_name = "CPU", value_parser = parse_processor)]
+    cpu: Option<Processor>,
     /// Costs that the stereo unit of softcore makes in a cycle: 8, 16 or 32; 0 for no such unit [default: 16].
     #[arg(long, value_name = "N", value_parser = parse_unit)]
     stereo_unit: Option<u32>,
 }
 
-impl UnitSelection {
-    /// Returns the board with this unit, if it is one that may have it.
+impl SoftCore {
+    /// Returns the board with this processor and this unit, if it is one that may have them.
     #[must_use]
     pub fn applied(&self, board: Board) -> Board {
+        let board = self.cpu.map_or(board, |cpu| board.with_processor(cpu));
         self.stereo_unit
             .map_or(board, |unit_lanes| board.with_unit(unit_lanes))
     }
+}
+
+/// Returns the processor that has this name.
+///
+/// # Errors
+/// Fails with one line when none has it.
+fn parse_processor(name: &str) -> Result<Processor, String> {
+    let mut all = Processor::ALL.into_iter();
+    let named = all.find(|processor| processor.name() == name);
+    named.ok_or_else(|| "there are vexriscv and cv32e40p".to_owned())
 }
 
 /// Returns the number of costs in a cycle.
@@ -68,7 +82,7 @@ pub struct Selection {
     #[arg(long, value_name = "B", value_parser = parse_board)]
     board: Option<Board>,
     #[command(flatten)]
-    unit: UnitSelection,
+    soft_core: SoftCore,
 }
 
 impl Selection {
@@ -77,7 +91,9 @@ impl Selection {
     pub fn boards(&self) -> Vec<Board> {
         let all = Board::ALL.into_iter();
         let selected = all.filter(|board| self.board.is_none_or(|one| one == *board));
-        selected.map(|board| self.unit.applied(board)).collect()
+        selected
+            .map(|board| self.soft_core.applied(board))
+            .collect()
     }
 }
 
@@ -88,14 +104,14 @@ pub struct CountedSelection {
     #[arg(long, value_name = "B", value_parser = parse_counted_board)]
     board: Option<Board>,
     #[command(flatten)]
-    unit: UnitSelection,
+    soft_core: SoftCore,
 }
 
 impl CountedSelection {
     /// Returns the board that was named, or else all emulated boards: a simulated one takes minutes.
     #[must_use]
     pub fn boards(&self) -> Vec<Board> {
-        let selected = self.board.map(|board| vec![self.unit.applied(board)]);
+        let selected = self.board.map(|board| vec![self.soft_core.applied(board)]);
         selected.unwrap_or_else(|| Board::emulated().collect())
     }
 }
@@ -108,7 +124,7 @@ pub struct ExecutedSelection {
     #[arg(long, value_name = "B", value_parser = parse_executed_board)]
     board: Option<Board>,
     #[command(flatten)]
-    unit: UnitSelection,
+    soft_core: SoftCore,
 }
 
 impl ExecutedSelection {
@@ -123,11 +139,13 @@ impl ExecutedSelection {
     #[must_use]
     pub fn boards(&self) -> Vec<Board> {
         let modelled = Board::modelled().filter(|_| ModelCompiler::find().is_some());
-        let simulated = Board::simulated().filter(|_| Simulator::find().is_ok());
+        let simulated = Board::simulated().filter(|_| Simulator::find(Processor::VexRiscv).is_ok());
         let all = Board::emulated().chain(modelled).chain(simulated);
         let selected = self.board.map_or(all.collect(), |board| vec![board]);
         let selected = selected.into_iter();
-        selected.map(|board| self.unit.applied(board)).collect()
+        selected
+            .map(|board| self.soft_core.applied(board))
+            .collect()
     }
 }
 

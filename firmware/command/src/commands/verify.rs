@@ -248,7 +248,7 @@ fn compare_simulated(board: &Board, pair: &Pair) -> Result<[String; 4]> {
         built_for.preset,
         difference.unwrap_or_default()
     );
-    let name = format!("{}, simulated", board.name);
+    let name = format!("{}, simulated", board.full_name());
     Ok([
         name,
         pair.name.clone(),
