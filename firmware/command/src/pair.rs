@@ -140,6 +140,21 @@ impl Pair {
         }
     }
 
+    /// Returns the pair with the middle `columns` columns of both views, which have no rectification.
+    #[must_use]
+    pub fn middle(self, columns: u32) -> Self {
+        let part = |view: &RgbImage| {
+            let (width, height) = view.dimensions();
+            let columns = columns.min(width);
+            crop_imm(view, (width - columns) / 2, 0, columns, height).to_image()
+        };
+        Self {
+            left: part(&self.left),
+            right: part(&self.right),
+            ..self
+        }
+    }
+
     /// Returns a camera that sends this pair as every frame.
     ///
     /// # Errors

@@ -151,12 +151,7 @@ impl Verify {
             }
             let pairs = match &given {
                 Some(pair) => vec![pair.clone()],
-                None => {
-                    // Raw lines cannot be cut, as their rectification is for all of them.
-                    let lines = self.lines.map_or(120, |lines| lines.min(120) as u16);
-                    let raw = Pair::crooked(160, lines, 32, true)?;
-                    vec![Pair::rendered(160, 120, 32), raw]
-                }
+                None => built_in_simulated(&board, folder.as_deref(), self.lines)?,
             };
             for mut pair in pairs {
                 if let Some(lines) = self.lines {
@@ -186,6 +181,25 @@ fn built_in(board: &Board, folder: Option<&Path>) -> Result<Vec<Pair>> {
         if let Some(folder) = folder {
             pairs.push(Pair::load(&folder.join(scene), board)?);
         }
+    }
+    Ok(pairs)
+}
+
+/// Returns the pairs that a board in RTL is verified on unless others are named: the built-in scene, one taken for raw
+/// lines, of which there are only `lines` if that is given, and the middle of a scene in `folder` if there is one.
+fn built_in_simulated(
+    board: &Board,
+    folder: Option<&Path>,
+    lines: Option<u32>,
+) -> Result<Vec<Pair>> {
+    // They cannot be cut later, as their rectification is for all of them.
+    let raw_lines = lines.map_or(120, |lines| lines.min(120) as u16);
+    let mut pairs = vec![
+        Pair::rendered(160, 120, 32),
+        Pair::crooked(160, raw_lines, 32, true)?,
+    ];
+    if let Some(folder) = folder {
+        pairs.push(Pair::load(&folder.join("teddy"), board)?.middle(160));
     }
     Ok(pairs)
 }
