@@ -26,7 +26,7 @@ pub use vgstereo_courtyard::{RenderedCameras, SQUARE_MM, SQUARES};
 use crate::calibration::StereoCalibration;
 use crate::exposure::Exposure;
 use crate::line_offset::LINE_OFFSET_MAX_PX;
-use crate::scene::Scene;
+use crate::scene::{GroundTruth, Scene};
 use distorted::Lookup;
 use truth::ground_truth;
 
@@ -83,7 +83,8 @@ pub fn rendered_cameras(options: &RenderOptions) -> RenderedCameras {
     yard.rig()
 }
 
-/// Returns either of two cameras as the core takes it; `None` where it is out of the core's range.
+/// Returns the left or the right of two cameras, which are alike, in the core's whole numbers; `None` where one of these
+/// is out of its range.
 #[must_use]
 pub fn rectified_camera(cameras: &RenderedCameras) -> Option<RectifiedCamera> {
     // Casts saturate, and what is out of range gives no camera.
@@ -203,7 +204,8 @@ impl Sensor {
 #[must_use]
 pub fn render(options: &RenderOptions) -> Scene {
     let (yard, width, height, d_max) = courtyard(options, 0.0);
-    scene(&yard, options, [None, None], width, height, d_max)
+    let views = views(&yard, options, [None, None], width, height);
+    scene(views, ground_truth(&yard, width, height), d_max)
 }
 
 /// The built-in scene with the light of its right view, of which pictures with any exposure are made. Light takes most of
@@ -211,9 +213,11 @@ pub fn render(options: &RenderOptions) -> Scene {
 #[derive(Debug)]
 pub struct Exposures {
     options: RenderOptions,
-    scene: Scene,
+    left: RgbImage,
     /// The light of each channel at each pixel of the right view, row-major.
     right: Vec<[f64; 3]>,
+    truth: GroundTruth,
+    d_max: u16,
 }
 
 impl Exposures {
@@ -221,22 +225,26 @@ impl Exposures {
     #[must_use]
     pub fn new(options: &RenderOptions) -> Self {
         let (yard, width, height, d_max) = courtyard(options, 0.0);
+        let left = light(&yard, Side::Left, None, 0.0);
+        let left = Sensor::left(options).picture(width, height, left);
         let of_pixel = light(&yard, Side::Right, None, options.line_offset_px);
         let columns = width as usize;
         let pixels = (0..columns * height as usize).into_par_iter();
         Self {
             options: *options,
-            scene: scene(&yard, options, [None, None], width, height, d_max),
+            left,
             right: pixels
                 .map(|at| of_pixel(at % columns, at / columns))
                 .collect(),
+            truth: ground_truth(&yard, width, height),
+            d_max,
         }
     }
 
     /// Returns the scene that [`render`] makes with this exposure of the right camera.
     #[must_use]
     pub fn scene(&self, exposure: Exposure) -> Scene {
-        let (width, height) = self.scene.right.dimensions();
+        let (width, height) = self.left.dimensions();
         let options = RenderOptions {
             exposure,
             ..self.options
@@ -244,10 +252,7 @@ impl Exposures {
         let columns = width as usize;
         let right = Sensor::right(&options);
         let right = right.picture(width, height, |x, y| self.right[y * columns + x]);
-        Scene {
-            right,
-            ..self.scene.clone()
-        }
+        scene([self.left.clone(), right], self.truth.clone(), self.d_max)
     }
 }
 
@@ -264,7 +269,8 @@ pub fn render_distorted(options: &RenderOptions) -> Result<(Scene, StereoCalibra
     let left = Lookup::new(&calibration, size, 0)?;
     let right = Lookup::new(&calibration, size, 1)?;
     let lookups = [Some(&left), Some(&right)];
-    let scene = scene(&yard, options, lookups, width, height, d_max);
+    let views = views(&yard, options, lookups, width, height);
+    let scene = scene(views, ground_truth(&yard, width, height), d_max);
     Ok((scene, calibration))
 }
 
@@ -334,22 +340,15 @@ pub fn render_wall(
     views(&yard, &noisy, [None, None], width, height)
 }
 
-fn scene(
-    yard: &Courtyard,
-    options: &RenderOptions,
-    lookups: [Option<&Lookup>; 2],
-    width: u32,
-    height: u32,
-    d_max: u16,
-) -> Scene {
-    let [left, right] = views(yard, options, lookups, width, height);
+/// Returns the scene of these views.
+fn scene([left, right]: [RgbImage; 2], truth: GroundTruth, d_max: u16) -> Scene {
     Scene {
         name: "courtyard".to_owned(),
         left,
         right,
         bits: None,
         d_max,
-        truth: Some(ground_truth(yard, width, height)),
+        truth: Some(truth),
     }
 }
 

@@ -133,10 +133,7 @@ pub fn build(board: &Board) -> Result<PathBuf> {
     )?);
     files.extend(files_with(&sources.join("sim"), "cpp")?);
     let setting = format!("-GUNIT_LANES={lanes}");
-    let name = match processor {
-        Processor::VexRiscv => format!("sim{lanes}"),
-        _ => format!("sim{lanes}-{}", processor.name()),
-    };
+    let name = format!("sim{lanes}-{}", processor.name());
     verilate(&tools, &name, "soc", &[&setting], &files)
 }
 

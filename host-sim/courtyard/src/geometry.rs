@@ -70,6 +70,29 @@ fn across(axis: Vec3) -> (Vec3, Vec3) {
     (side, side.cross(axis))
 }
 
+/// Returns where the ray meets the plane through `origin`, if its parameter is `inside`.
+#[inline]
+fn hit_plane(
+    ray: &Ray,
+    origin: Vec3,
+    axis_u: Vec3,
+    axis_v: Vec3,
+    inside: impl Fn(f64) -> bool,
+) -> Option<Hit> {
+    let normal = axis_u.cross(axis_v);
+    let t = (origin - ray.origin).dot(normal) / ray.direction.dot(normal);
+    if !inside(t) {
+        return None;
+    }
+    let offset = ray.at(t) - origin;
+    Some(Hit {
+        t,
+        u: offset.dot(axis_u),
+        v: offset.dot(axis_v),
+        normal,
+    })
+}
+
 impl Object {
     /// Returns where the ray meets the surface first, if that is at `t_min < t < t_max`.
     pub(crate) fn hit(&self, ray: &Ray, t_min: f64, t_max: f64) -> Option<Hit> {
@@ -79,20 +102,7 @@ impl Object {
                 origin,
                 axis_u,
                 axis_v,
-            } => {
-                let normal = axis_u.cross(axis_v);
-                let t = (origin - ray.origin).dot(normal) / ray.direction.dot(normal);
-                if !inside(t) {
-                    return None;
-                }
-                let offset = ray.at(t) - origin;
-                Some(Hit {
-                    t,
-                    u: offset.dot(axis_u),
-                    v: offset.dot(axis_v),
-                    normal,
-                })
-            }
+            } => hit_plane(ray, origin, axis_u, axis_v, inside),
             Shape::Sheet {
                 centre,
                 axis_u,
@@ -100,17 +110,11 @@ impl Object {
                 half_u,
                 half_v,
             } => {
-                let normal = axis_u.cross(axis_v);
-                let t = (centre - ray.origin).dot(normal) / ray.direction.dot(normal);
-                if !inside(t) {
-                    return None;
-                }
-                let offset = ray.at(t) - centre;
-                let (u, v) = (offset.dot(axis_u), offset.dot(axis_v));
-                let solid = u.abs() <= half_u
-                    && v.abs() <= half_v
-                    && texture::is_solid(self.material, u, v, half_u, half_v);
-                solid.then_some(Hit { t, u, v, normal })
+                let hit = hit_plane(ray, centre, axis_u, axis_v, inside)?;
+                let is_solid = hit.u.abs() <= half_u
+                    && hit.v.abs() <= half_v
+                    && texture::is_solid(self.material, hit.u, hit.v, half_u, half_v);
+                is_solid.then_some(hit)
             }
             Shape::Sphere { centre, radius } => {
                 let offset = ray.origin - centre;

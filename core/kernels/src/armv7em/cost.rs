@@ -124,6 +124,12 @@ fn cost_registers(run: &CostRun<'_>, costs: &mut [u8]) -> Option<()> {
         }
         _ => return None,
     }
+    fill_beyond(run, costs);
+    Some(())
+}
+
+/// Fills what lies in the row of each pixel beyond its disparities, up to a multiple of 16 of them.
+pub(crate) fn fill_beyond(run: &CostRun<'_>, costs: &mut [u8]) {
     let stride = cost_stride(run.disparities).max(1);
     if run.disparities < stride {
         for costs in costs.chunks_exact_mut(stride) {
@@ -132,7 +138,6 @@ fn cost_registers(run: &CostRun<'_>, costs: &mut [u8]) -> Option<()> {
             }
         }
     }
-    Some(())
 }
 
 /// Counts the differing cells in `BYTES` bytes of the patterns from byte `first_byte` on, and

@@ -569,7 +569,7 @@ fn signed_halfwords(a: u32, b: u32, each: impl Fn(i16, i16) -> i16) -> u32 {
     })
 }
 
-/// The same by instructions of Xpulp.
+/// Replacements by instructions of Xpulp, on processors that have these.
 #[cfg(xpulp)]
 use crate::xpulp::lanes;
 

@@ -7,11 +7,10 @@
 use core::ops::Range;
 use core::slice;
 
-use vgstereo_core::kernel::{
-    CostRun, Kernels, MAX_CHANNELS, NO_COST, Planes, Portable, cost_stride,
-};
+use vgstereo_core::kernel::{CostRun, Kernels, MAX_CHANNELS, Planes, Portable, cost_stride};
 
 use super::{LANES, vector_asm};
+use crate::armv7em::cost::fill_beyond;
 
 /// Disparities of which the counts stay in registers at a time.
 const MAX_BLOCKS: usize = 4;
@@ -55,13 +54,7 @@ pub(super) fn cost_run(run: &CostRun<'_>, costs: &mut [u8]) {
             (_, true) => rows.fill::<MAX_BLOCKS, true>(costs),
         }
     }
-    if run.disparities < stride {
-        for costs in costs.chunks_exact_mut(stride.max(1)) {
-            if let Some(beyond) = costs.get_mut(run.disparities..) {
-                beyond.fill(NO_COST);
-            }
-        }
-    }
+    fill_beyond(run, costs);
 }
 
 /// Some disparities, from `start` on, of all pixels of a run.

@@ -3,11 +3,12 @@
 //! Costs of levels are [looked up](LevelCosts). Differing cells are counted by Zbb's instruction that counts the
 //! ones of a word ([`counted`]), or four disparities at a time ([`packed`]).
 
-use vgstereo_core::kernel::{CELLS_PER_BYTE, CostRun, Kernels, NO_COST, Planes, cost_stride};
+use vgstereo_core::kernel::{CELLS_PER_BYTE, CostRun, Kernels, Planes, cost_stride};
 
 use super::group::{Group, MAX_STRIDE, PIXELS, POSITIONS};
 use super::levels::LevelCosts;
 use super::{counted, packed};
+use crate::armv7em::cost::fill_beyond;
 
 /// Equals [`vgstereo_core::kernel::cost_run`] bit for bit. What this code does not support is left to `others`.
 pub(super) fn cost_run(others: &impl Kernels, run: &CostRun<'_>, costs: &mut [u8]) {
@@ -54,13 +55,7 @@ fn write_costs<const COUNTS_ONES: bool>(run: &CostRun<'_>, costs: &mut [u8]) -> 
         )?,
         _ => return None,
     }
-    if run.disparities < stride {
-        for costs in costs.chunks_exact_mut(stride) {
-            if let Some(beyond) = costs.get_mut(run.disparities..) {
-                beyond.fill(NO_COST);
-            }
-        }
-    }
+    fill_beyond(run, costs);
     Some(())
 }
 

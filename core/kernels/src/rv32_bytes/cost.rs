@@ -2,22 +2,23 @@
 //! counted by one instruction; all else is computed for four disparities at a time.
 
 use bytemuck::{must_cast_slice_mut, try_cast_slice_mut};
-use vgstereo_core::kernel::{CostRun, Kernels, LANES, NO_COST, cost_stride};
+use vgstereo_core::kernel::{CostRun, Kernels, LANES, cost_stride};
 
 use super::instructions::{
     add_saturating_u8x4, align, differing_bits, min_u8x4, products_q4, sub_saturating_u8x4,
 };
+use crate::armv7em::cost::fill_beyond;
 use crate::armv7em::simd::splat_u8;
 use crate::rv32::cost::{are_whole, rows};
 
 /// Bytes of a pattern.
-const BYTES: usize = 4;
+pub(crate) const BYTES: usize = 4;
 
 /// Disparities whose costs share a word.
-const QUAD: usize = 4;
+pub(crate) const QUAD: usize = 4;
 
 /// Largest number of disparities, rounded up to a multiple of 16.
-const MAX_STRIDE: usize = 64;
+pub(crate) const MAX_STRIDE: usize = 64;
 
 /// Pixels whose patterns are compared with the same positions of the other view.
 const PIXELS: usize = 32;
@@ -35,9 +36,7 @@ pub(super) fn cost_run(others: &impl Kernels, run: &CostRun<'_>, costs: &mut [u8
 /// Writes the costs of a run, or returns `None` without a result if this code does not support it.
 #[inline(never)]
 fn write_costs(run: &CostRun<'_>, costs: &mut [u8]) -> Option<()> {
-    let has_grey = run.channels == 1 && run.difference_weight_q4 > 0;
-    let has_pattern = run.inputs.count == BYTES && run.masks.count == 0 && are_whole(run);
-    if !has_grey || !has_pattern || !(1..=MAX_STRIDE).contains(&run.disparities) {
+    if !is_supported(run) {
         return None;
     }
     let stride = cost_stride(run.disparities);
@@ -62,25 +61,20 @@ fn write_costs(run: &CostRun<'_>, costs: &mut [u8]) -> Option<()> {
                 .zip(levels)
                 .zip(costs.chunks_exact_mut(stride / QUAD).zip((0..pixels).rev()))
         {
-            let pixel = Pixel {
-                pattern: u32::from_le_bytes([a, b, c, d]),
-                cell_cost: u32::from(cell_cost_q8) >> 8,
-                truncation: splat_u8(truncation),
-                level: splat_u8(level),
-                level_truncation: splat_u8(run.difference_truncation),
-                level_weight_q4: run.difference_weight_q4.into(),
-            };
+            let pattern = u32::from_le_bytes([a, b, c, d]);
+            let pixel = Pixel::new(run, pattern, cell_cost_q8, truncation, level);
             pixel.write(&others, position, costs)?;
         }
     }
-    if run.disparities < stride {
-        for costs in costs.chunks_exact_mut(stride) {
-            if let Some(beyond) = costs.get_mut(run.disparities..) {
-                beyond.fill(NO_COST);
-            }
-        }
-    }
+    fill_beyond(run, costs);
     Some(())
+}
+
+/// Returns whether a run is of patterns of 32 cells that all count, with levels of grey and few enough disparities.
+pub(crate) fn is_supported(run: &CostRun<'_>) -> bool {
+    let has_grey = run.channels == 1 && run.difference_weight_q4 > 0;
+    let has_pattern = run.inputs.count == BYTES && run.masks.count == 0 && are_whole(run);
+    has_grey && has_pattern && (1..=MAX_STRIDE).contains(&run.disparities)
 }
 
 /// A row of levels, each four of them as a word, from each of the first four on.
@@ -135,20 +129,39 @@ fn move_to_words(levels: &[u8], words: &mut Levels) {
 }
 
 /// A pixel's values. Those but the pattern, the cost of a cell and the weight are in all four bytes.
-struct Pixel {
-    pattern: u32,
+pub(crate) struct Pixel {
+    pub(crate) pattern: u32,
     /// Cost of a differing cell.
-    cell_cost: u32,
+    pub(crate) cell_cost: u32,
     /// Largest cost of the pattern.
-    truncation: u32,
-    level: u32,
+    pub(crate) truncation: u32,
+    pub(crate) level: u32,
     /// Largest difference of levels that counts.
-    level_truncation: u32,
+    pub(crate) level_truncation: u32,
     /// Cost of a difference of one level, 1/16.
-    level_weight_q4: u32,
+    pub(crate) level_weight_q4: u32,
 }
 
 impl Pixel {
+    /// Returns the values of a pixel with this pattern, cost of a differing cell, largest cost of the pattern, and level.
+    #[inline(always)]
+    pub(crate) fn new(
+        run: &CostRun<'_>,
+        pattern: u32,
+        cell_cost_q8: u16,
+        truncation: u8,
+        level: u8,
+    ) -> Self {
+        Self {
+            pattern,
+            cell_cost: u32::from(cell_cost_q8) >> 8,
+            truncation: splat_u8(truncation),
+            level: splat_u8(level),
+            level_truncation: splat_u8(run.difference_truncation),
+            level_weight_q4: run.difference_weight_q4.into(),
+        }
+    }
+
     /// Writes the pixel's costs, whose lowest disparity is at a position of the others; returns `None` if there are
     /// too few.
     #[inline(always)]

@@ -1,7 +1,7 @@
 //! Kernels for RV32 with the byte instructions of the soft core, `firmware/boards/softcore/rtl/byte_instructions.sv`.
 
 mod aggregate;
-mod cost;
+pub(crate) mod cost;
 #[allow(unsafe_code)]
 mod instructions;
 mod median9;

@@ -172,20 +172,20 @@ impl Run {
     }
 }
 
-/// Writes the best matches of the other view, as [`AggregateRow::other_best`], in the place of their keys.
-fn unpack(others: &mut [u32], reached: usize) {
-    for at in (0..others.len()).rev() {
-        let keys = others.get(at / 2).copied().unwrap_or(NO_KEYS);
-        let Some(other) = others.get_mut(at) else {
-            return;
-        };
-        *other = if at < reached {
-            let key = keys >> (16 * (at % 2)) & 0xffff;
-            (key >> INDEX_BITS) << 16 | key & INDEX_MASK
-        } else {
-            u32::MAX
-        };
+/// Writes the best matches of the other view, as [`AggregateRow::other_best`], in the place of their keys, the last first.
+pub(crate) fn unpack(others: &mut [u32], reached: usize) {
+    let unpacked = |key: u32| (key >> INDEX_BITS) << 16 | key & INDEX_MASK;
+    for word in (0..reached.div_ceil(2)).rev() {
+        let keys = others.get(word).copied().unwrap_or(NO_KEYS);
+        let (low, high) = (unpacked(keys & 0xffff), unpacked(keys >> 16));
+        let places = others.get_mut(2 * word..).unwrap_or_default();
+        match places {
+            [first, second, ..] => (*first, *second) = (low, high),
+            [last] => *last = low,
+            [] => {}
+        }
     }
+    others.get_mut(reached..).unwrap_or_default().fill(u32::MAX);
 }
 
 /// Result of the selection for one pixel, as in [`AggregateRow`].

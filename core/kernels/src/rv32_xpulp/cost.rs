@@ -2,23 +2,16 @@
 //! counted by one instruction; all else is computed for four disparities at a time.
 
 use bytemuck::try_cast_slice_mut;
-use vgstereo_core::kernel::{CostRun, Kernels, LANES, NO_COST, cost_stride};
+use vgstereo_core::kernel::{CostRun, Kernels, LANES, cost_stride};
 
-use crate::armv7em::simd::{even_bytes, odd_bytes, splat_u8};
-use crate::rv32::cost::{are_whole, rows};
+use crate::armv7em::cost::fill_beyond;
+use crate::armv7em::simd::{even_bytes, odd_bytes};
+use crate::rv32::cost::rows;
+use crate::rv32_bytes::cost::{BYTES, MAX_STRIDE, Pixel, QUAD, is_supported};
 use crate::xpulp::{count_ones, insert_1, max_u8x4, min_u8x4, pack_high, shuffle, sixteenth_u8x4};
-
-/// Bytes of a pattern.
-const BYTES: usize = 4;
-
-/// Disparities whose costs share a word.
-const QUAD: usize = 4;
 
 /// Words of costs whose loop is unrolled.
 const WORDS: usize = LANES / QUAD;
-
-/// Largest number of disparities, rounded up to a multiple of 16.
-const MAX_STRIDE: usize = 64;
 
 /// Pixels whose patterns are compared with the same positions of the other view.
 const PIXELS: usize = 64;
@@ -44,9 +37,7 @@ pub(super) fn cost_run(others: &impl Kernels, run: &CostRun<'_>, costs: &mut [u8
 /// no difference that counts is above 255 when it is multiplied with the rest of the weight.
 #[inline(never)]
 fn write_costs<const IS_NARROW: bool>(run: &CostRun<'_>, costs: &mut [u8]) -> Option<()> {
-    let has_grey = run.channels == 1 && run.difference_weight_q4 > 0;
-    let has_pattern = run.inputs.count == BYTES && run.masks.count == 0 && are_whole(run);
-    if !has_grey || !has_pattern || !(1..=MAX_STRIDE).contains(&run.disparities) {
+    if !is_supported(run) {
         return None;
     }
     let stride = cost_stride(run.disparities);
@@ -74,15 +65,8 @@ fn write_costs<const IS_NARROW: bool>(run: &CostRun<'_>, costs: &mut [u8]) -> Op
         for (((&cell_cost_q8, &truncation), (&pattern, &level)), (costs, position)) in
             values.zip(places)
         {
-            let pixel = Pixel {
-                pattern,
-                cell_cost: u32::from(cell_cost_q8) >> 8,
-                truncation: splat_u8(truncation),
-                level: splat_u8(level),
-                level_truncation: splat_u8(run.difference_truncation),
-                level_weight_q4: run.difference_weight_q4.into(),
-            };
-            pixel.write::<IS_NARROW>(
+            write::<IS_NARROW>(
+                &Pixel::new(run, pattern, cell_cost_q8, truncation, level),
                 patterns.get(position..)?,
                 low.get(position..)?,
                 high.get(position..)?,
@@ -90,13 +74,7 @@ fn write_costs<const IS_NARROW: bool>(run: &CostRun<'_>, costs: &mut [u8]) -> Op
             );
         }
     }
-    if run.disparities < stride {
-        for costs in costs.chunks_exact_mut(stride) {
-            if let Some(beyond) = costs.get_mut(run.disparities..) {
-                beyond.fill(NO_COST);
-            }
-        }
-    }
+    fill_beyond(run, costs);
     Some(())
 }
 
@@ -128,77 +106,60 @@ fn join(rows: [&[u8]; BYTES], patterns: &mut [u32]) {
     }
 }
 
-/// A pixel's values. Those but the pattern, the cost of a cell and the weight are in all four bytes.
-struct Pixel {
-    pattern: u32,
-    /// Cost of a differing cell.
-    cell_cost: u32,
-    /// Largest cost of the pattern.
-    truncation: u32,
-    level: u32,
-    /// Largest difference of levels that counts.
-    level_truncation: u32,
-    /// Cost of a difference of one level, 1/16.
-    level_weight_q4: u32,
+/// Writes the pixel's costs, given the patterns and levels from that of its lowest disparity on.
+#[inline(always)]
+fn write<const IS_NARROW: bool>(
+    pixel: &Pixel,
+    patterns: &[u32],
+    low: &[u8],
+    high: &[u8],
+    costs: &mut [u32],
+) {
+    let patterns = patterns.as_chunks::<LANES>().0;
+    let low = low.as_chunks::<LANES>().0.iter();
+    let levels = low.zip(high.as_chunks::<LANES>().0);
+    let blocks = costs.as_chunks_mut::<WORDS>().0.iter_mut();
+    for ((costs, patterns), (low, high)) in blocks.zip(patterns).zip(levels) {
+        let patterns = patterns.as_chunks::<QUAD>().0;
+        let low = low.as_chunks::<QUAD>().0;
+        let high = high.as_chunks::<QUAD>().0;
+        // Not by a closure, which the compiler would not inline so often.
+        macro_rules! write {
+            ($($word:literal)+) => {
+                $(costs[$word] = costs_of_four::<IS_NARROW>(pixel, &patterns[$word], &low[$word], &high[$word]);)+
+            };
+        }
+        write!(0 1 2 3);
+    }
 }
 
-impl Pixel {
-    /// Writes the pixel's costs, given the patterns and levels from that of its lowest disparity on.
-    #[inline(always)]
-    fn write<const IS_NARROW: bool>(
-        &self,
-        patterns: &[u32],
-        low: &[u8],
-        high: &[u8],
-        costs: &mut [u32],
-    ) {
-        let patterns = patterns.as_chunks::<LANES>().0;
-        let low = low.as_chunks::<LANES>().0.iter();
-        let levels = low.zip(high.as_chunks::<LANES>().0);
-        let blocks = costs.as_chunks_mut::<WORDS>().0.iter_mut();
-        for ((costs, patterns), (low, high)) in blocks.zip(patterns).zip(levels) {
-            let patterns = patterns.as_chunks::<QUAD>().0;
-            let low = low.as_chunks::<QUAD>().0;
-            let high = high.as_chunks::<QUAD>().0;
-            // Not by a closure, which the compiler would not inline so often.
-            macro_rules! write {
-                ($($word:literal)+) => {
-                    $(costs[$word] = self.costs::<IS_NARROW>(&patterns[$word], &low[$word], &high[$word]);)+
-                };
-            }
-            write!(0 1 2 3);
-        }
-    }
+/// The costs of four disparities.
+#[inline(always)]
+fn costs_of_four<const IS_NARROW: bool>(
+    pixel: &Pixel,
+    patterns: &[u32; QUAD],
+    low: &[u8; QUAD],
+    high: &[u8; QUAD],
+) -> u32 {
+    let (low, high) = (u32::from_le_bytes(*low), u32::from_le_bytes(*high));
+    let [a, b, c, d] = patterns.map(|pattern| count_ones(pattern ^ pixel.pattern));
+    // No byte carries, as all cells together cost at most 255.
+    let cells = pack_high(insert_1(a, b), d, c).wrapping_mul(pixel.cell_cost);
+    // The level itself, where it is in the interval: no byte borrows.
+    let difference = max_u8x4(low, pixel.level).wrapping_sub(min_u8x4(high, pixel.level));
+    let difference = min_u8x4(difference, pixel.level_truncation);
+    // The configuration bounds the sum to a byte.
+    min_u8x4(cells, pixel.truncation).wrapping_add(weighted::<IS_NARROW>(pixel, difference))
+}
 
-    /// The costs of four disparities.
-    #[inline(always)]
-    fn costs<const IS_NARROW: bool>(
-        &self,
-        patterns: &[u32; QUAD],
-        low: &[u8; QUAD],
-        high: &[u8; QUAD],
-    ) -> u32 {
-        let (low, high) = (u32::from_le_bytes(*low), u32::from_le_bytes(*high));
-        let [a, b, c, d] = patterns.map(|pattern| count_ones(pattern ^ self.pattern));
-        // No byte carries, as all cells together cost at most 255.
-        let cells = pack_high(insert_1(a, b), d, c).wrapping_mul(self.cell_cost);
-        // The level itself, where it is in the interval: no byte borrows.
-        let difference = max_u8x4(low, self.level).wrapping_sub(min_u8x4(high, self.level));
-        let difference = min_u8x4(difference, self.level_truncation);
-        // The configuration bounds the sum to a byte.
-        min_u8x4(cells, self.truncation).wrapping_add(self.weighted::<IS_NARROW>(difference))
-    }
-
-    /// The costs of four differences of levels.
-    #[inline(always)]
-    fn weighted<const IS_NARROW: bool>(&self, differences: u32) -> u32 {
-        let weight_q4 = self.level_weight_q4;
-        if IS_NARROW {
-            differences * (weight_q4 / 16)
-                + sixteenth_u8x4(differences.wrapping_mul(weight_q4 % 16))
-        } else {
-            let even = even_bytes((even_bytes(differences) * weight_q4) >> 4);
-            even | (odd_bytes(differences) * weight_q4) << 4 & 0xff00_ff00
-        }
+/// The costs of four differences of levels.
+#[inline(always)]
+fn weighted<const IS_NARROW: bool>(pixel: &Pixel, differences: u32) -> u32 {
+    let weight_q4 = pixel.level_weight_q4;
+    if IS_NARROW {
+        differences * (weight_q4 / 16) + sixteenth_u8x4(differences.wrapping_mul(weight_q4 % 16))
+    } else {
+        let even = even_bytes((even_bytes(differences) * weight_q4) >> 4);
+        even | (odd_bytes(differences) * weight_q4) << 4 & 0xff00_ff00
     }
 }

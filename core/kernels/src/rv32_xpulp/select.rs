@@ -5,9 +5,9 @@
 use bytemuck::{must_cast_slice_mut, try_cast_slice};
 use vgstereo_core::kernel::{self, AggregateRow};
 
-use crate::armv7em::select::{DISPARITIES_MIN, INDEX_BITS, INDEX_MASK, Subpixel};
+use crate::armv7em::select::{DISPARITIES_MIN, INDEX_BITS, Subpixel};
 use crate::armv7em::simd::{even_bytes, in_order, odd_bytes, splat_u16};
-use crate::rv32_bytes::select::{Keys, NO_KEYS, select};
+use crate::rv32_bytes::select::{Keys, NO_KEYS, select, unpack};
 use crate::xpulp::{high_halves, low_halves, min_u16x2};
 
 /// Equals [`kernel::select_row`] bit for bit.
@@ -99,22 +99,6 @@ fn meet<const WORDS: usize>(
     meet!(0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15);
     let _ = indices;
     min_u16x2(least, least >> 16) & 0xffff
-}
-
-/// Writes the best matches of the other view, as [`AggregateRow::other_best`], in the place of their keys, the last first.
-fn unpack(others: &mut [u32], reached: usize) {
-    let unpacked = |key: u32| (key >> INDEX_BITS) << 16 | key & INDEX_MASK;
-    for word in (0..reached.div_ceil(2)).rev() {
-        let keys = others.get(word).copied().unwrap_or(NO_KEYS);
-        let (low, high) = (unpacked(keys & 0xffff), unpacked(keys >> 16));
-        let places = others.get_mut(2 * word..).unwrap_or_default();
-        match places {
-            [first, second, ..] => (*first, *second) = (low, high),
-            [last] => *last = low,
-            [] => {}
-        }
-    }
-    others.get_mut(reached..).unwrap_or_default().fill(u32::MAX);
 }
 
 /// The sums of three path costs each, of even and of odd disparities.

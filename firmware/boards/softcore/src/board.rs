@@ -37,7 +37,8 @@ static mut PACKET: [u8; PACKET_BYTES] = [0; PACKET_BYTES];
 #[unsafe(export_name = "request")]
 static REQUEST: [u8; 512] = [0; 512];
 
-/// The rectification of the sensors' lines, if the request has one, and zeros. Whoever loads the image writes it here.
+/// The bytes of the rectification of the sensors' lines, and then zeros; zeros alone if the request has none. Whoever loads
+/// the image writes it here.
 #[unsafe(export_name = "calibration")]
 static CALIBRATION: [u8; 4096] = [0; 4096];
 

@@ -1,4 +1,4 @@
-//! What differs between the processors.
+//! Set-up of the processor before it runs kernels: VexRiscv or CV32E40P, by the feature of the crate.
 
 #[cfg(feature = "cv32e40p")]
 pub(crate) use cv32e40p::start;
