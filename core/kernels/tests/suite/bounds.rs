@@ -18,6 +18,8 @@ use vgstereo_kernels::cases::{
     WeightedMedianCase, below, generator,
 };
 
+use crate::Run;
+
 /// Lengths and indices from 0 to the largest `usize`: each field of a task is set to each of them, and
 /// each slice is shortened by as many elements.
 const VALUES: [usize; 26] = {
@@ -59,28 +61,24 @@ const TASKS: u64 = 2;
 type Change<C> = fn(&mut C, usize);
 
 /// Tries every value in every change of random tasks.
-fn spoil<C: Case>(
-    kernels: impl Kernels,
-    make: impl Fn(&mut Pcg32) -> C,
-    changes: &[(&str, Change<C>)],
-) {
+fn spoil<C: Case>(make: &dyn Fn(&mut Pcg32) -> C, changes: &[(&str, Change<C>)], run: Run<'_, C>) {
     for seed in 0..TASKS {
         for &(name, change) in changes {
             for value in VALUES {
                 let mut case = make(&mut generator(seed));
                 change(&mut case, value);
-                let Some(expected) = quietly(|| output(&case, Portable)) else {
+                let Some(expected) = quietly(|| output(&case, &|case| case.run(Portable))) else {
                     #[cfg(unix)]
                     for side in crate::guarded::Side::ALL {
-                        quietly(|| crate::guarded::output(&case, kernels, side));
+                        quietly(|| crate::guarded::output(&case, run, side));
                     }
                     continue;
                 };
-                let found = output(&case, kernels);
+                let found = output(&case, run);
                 assert_eq!(found, expected, "seed {seed}, {name} {value}");
                 #[cfg(unix)]
                 for side in crate::guarded::Side::ALL {
-                    let found = crate::guarded::output(&case, kernels, side);
+                    let found = crate::guarded::output(&case, run, side);
                     assert_eq!(found, expected, "seed {seed}, {name} {value}, {side:?}");
                 }
             }
@@ -88,9 +86,9 @@ fn spoil<C: Case>(
     }
 }
 
-fn output<C: Case>(case: &C, kernels: impl Kernels) -> C::Output {
+fn output<C: Case>(case: &C, run: Run<'_, C>) -> C::Output {
     let mut case = case.clone();
-    case.run(kernels);
+    run(&mut case);
     case.output()
 }
 
@@ -149,31 +147,30 @@ pub(crate) fn every_kernel(kernels: impl Kernels) {
         AggregateCase::random(random, width, disparities, 200)
     };
     spoil(
-        kernels,
-        aggregate,
+        &aggregate,
         changes!(AggregateCase: set stride, set disparities, cut costs, cut from_right,
             cut from_above, cut p2_along, cut p2_down, cut paths, cut sums, cut other_best, cut best,
             cut refined_index_q4, cut margins),
+        &|case| case.run(kernels),
     );
     spoil(
-        kernels,
-        |random| PathsCase(aggregate(random)),
+        &|random| PathsCase(aggregate(random)),
         changes!(PathsCase: set 0.stride, set 0.disparities, cut 0.costs, cut 0.from_right,
             cut 0.from_above, cut 0.p2_along, cut 0.p2_down, cut 0.paths),
+        &|case| case.run(kernels),
     );
     spoil(
-        kernels,
-        |random| {
+        &|random| {
             let disparities = [5, 16, 30, 48, 64, 70][below(random, 6)];
             SelectCase::random(random, 20, disparities, 200)
         },
         changes!(SelectCase: set 0.stride, set 0.disparities, cut 0.costs, cut 0.from_right,
             cut 0.from_above, cut 0.sums, cut 0.other_best, cut 0.best, cut 0.refined_index_q4,
             cut 0.margins),
+        &|case| case.run(kernels),
     );
     spoil(
-        kernels,
-        |random| {
+        &|random| {
             let (width, reach) = (40 + below(random, 60), below(random, 8));
             let (rows, channels) = (1 + below(random, MAX_TAP_ROWS), [1, 3][below(random, 2)]);
             WeightedMedianCase::random(random, width, reach, rows, channels)
@@ -181,78 +178,78 @@ pub(crate) fn every_kernel(kernels: impl Kernels) {
         changes!(WeightedMedianCase: set rows, set centre, set window_width, cut values,
             cut values[0], cut levels, cut levels[0], cut levels[0][0], cut centres, cut centres[0],
             cut places, cut output),
+        &|case| case.run(kernels),
     );
 }
 
 /// Kernels of single rows.
 fn rows(kernels: impl Kernels) {
     spoil(
-        kernels,
-        |random| {
+        &|random| {
             let format = PixelFormat::ALL[below(random, PixelFormat::ALL.len())];
             LumaCase::random(random, format, 70, 70)
         },
         changes!(LumaCase: cut line, cut grey),
+        &|case| case.run(kernels),
     );
     spoil(
-        kernels,
-        |random| ChannelCase::random(random, PixelFormat::Rgb888, 70, 70),
+        &|random| ChannelCase::random(random, PixelFormat::Rgb888, 70, 70),
         changes!(ChannelCase: set channel, cut line, cut row),
+        &|case| case.run(kernels),
     );
     spoil(
-        kernels,
-        |random| ConvertCase::random(random, 70),
+        &|random| ConvertCase::random(random, 70),
         changes!(ConvertCase: cut levels, cut low, cut high),
+        &|case| case.run(kernels),
     );
     spoil(
-        kernels,
-        |random| SmoothCase::random(random, 70, 0),
+        &|random| SmoothCase::random(random, 70, 0),
         changes!(SmoothCase: cut rows[0], cut rows[1], cut rows[2], cut smoothed),
+        &|case| case.run(kernels),
     );
     spoil(
-        kernels,
-        |random| Median9Case::random(random, 70),
+        &|random| Median9Case::random(random, 70),
         changes!(Median9Case: cut rows[0], cut rows[1], cut rows[2], cut output),
+        &|case| case.run(kernels),
     );
     spoil(
-        kernels,
-        |random| {
+        &|random| {
             let channels = [1, 3][below(random, 2)];
             ArmsCase::random(random, 70, 9, channels)
         },
         changes!(ArmsCase: cut levels, cut levels[0], cut scratch, cut arms),
+        &|case| case.run(kernels),
     );
 }
 
 /// Kernels that make patterns, or compare them alone.
 fn patterns(kernels: impl Kernels) {
     spoil(
-        kernels,
-        |random| PackCase::random(random, 70),
+        &|random| PackCase::random(random, 70),
         changes!(PackCase: cut samples[0], cut samples[8], cut packed),
+        &|case| case.run(kernels),
     );
     spoil(
-        kernels,
-        |random| RecallCase::random(random, 20, 30, 4),
+        &|random| RecallCase::random(random, 20, 30, 4),
         changes!(RecallCase: count inputs.positions,
             set stored.positions, set first, set disparities, cut inputs.bytes, cut stored.bytes,
             cut distances, cut candidates_px),
+        &|case| case.run(kernels),
     );
     spoil(
-        kernels,
-        |random| {
+        &|random| {
             let (bytes, channels) = ([1, 8, 16][below(random, 3)], [1, 3][below(random, 2)]);
             MaskCase::random(random, 32, bytes, channels)
         },
         changes!(MaskCase: set centre, set first, set starts[0], count lanes, cut levels,
             cut levels[0], cut starts, cut cells, cut masks),
+        &|case| case.run(kernels),
     );
 }
 
 fn costs(kernels: impl Kernels) {
     spoil(
-        kernels,
-        |random| {
+        &|random| {
             let disparities = [5, 16, 30, 40, 64, 70, 128][below(random, 7)];
             let (bytes, channels) = ([4, 6, 8, 16][below(random, 4)], [1, 3][below(random, 2)]);
             let width = 1 + below(random, 70);
@@ -262,5 +259,6 @@ fn costs(kernels: impl Kernels) {
             stride stored, count inputs.count, count stored.count, cut inputs.bytes,
             cut stored.bytes, cut cell_costs_q8, cut truncations, cut levels, cut levels[0], cut other_low,
             cut other_low[0], cut other_high, cut other_high[0], cut costs),
+        &|case| case.run(kernels),
     );
 }

@@ -9,8 +9,9 @@ use std::ptr;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use vgstereo_core::kernel::Kernels;
 use vgstereo_kernels::cases::Case;
+
+use crate::Run;
 
 /// Side of an allocation on which the next byte cannot be accessed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,10 +47,10 @@ pub(crate) fn with<T>(side: Side, body: impl FnOnce() -> T) -> T {
 }
 
 /// Runs a copy of a case whose buffers are guarded on one side, and returns its output.
-pub(crate) fn output<C: Case>(case: &C, kernels: impl Kernels, side: Side) -> C::Output {
+pub(crate) fn output<C: Case>(case: &C, run: Run<'_, C>, side: Side) -> C::Output {
     with(side, || {
         let mut case = case.clone();
-        case.run(kernels);
+        run(&mut case);
         case.output()
     })
 }
@@ -79,16 +80,27 @@ pub(crate) fn one_byte_beyond_a_buffer_ends_the_process() {
     }
 }
 
-/// Addresses for guarded allocations. None is used twice, so that one room serves some million.
+/// Addresses for guarded allocations. An allocation has a power of two of pages, beginning at a multiple of their length;
+/// before them lie as many that cannot be accessed.
 struct Room {
     page_bytes: usize,
     start: usize,
+    /// Address of the next pages.
     next: AtomicUsize,
 }
 
 const ROOM_BYTES: usize = 1 << 38;
 
 static ROOM: OnceLock<Option<Room>> = OnceLock::new();
+
+/// Numbers of pages that an allocation may have: the powers of two below this one.
+const POWERS: usize = 24;
+
+std::thread_local! {
+    /// Pages that this thread has freed, by the power of two of their number: the first, which hold the address of the next.
+    /// To close pages and open new ones takes longer than most kernels.
+    static FREED: Cell<[*mut u8; POWERS]> = const { Cell::new([ptr::null_mut(); POWERS]) };
+}
 
 impl Room {
     fn reserve() -> Option<Self> {
@@ -100,10 +112,14 @@ impl Room {
                 libc::mmap(ptr::null_mut(), ROOM_BYTES, libc::PROT_NONE, flags, -1, 0),
             )
         };
-        (start != libc::MAP_FAILED).then_some(Self {
+        if start == libc::MAP_FAILED {
+            return None;
+        }
+        let start = start.expose_provenance();
+        Some(Self {
             page_bytes: page_bytes.try_into().ok()?,
-            start: start.expose_provenance(),
-            next: AtomicUsize::new(0),
+            start,
+            next: AtomicUsize::new(start),
         })
     }
 
@@ -111,50 +127,71 @@ impl Room {
         (self.start..self.start + ROOM_BYTES).contains(&address)
     }
 
-    /// Whole pages that hold `layout`.
-    fn bytes_of(&self, layout: Layout) -> usize {
-        layout.size().next_multiple_of(self.page_bytes)
+    /// Returns the number of pages for `layout`, as a power of two, and their bytes.
+    fn pages(&self, layout: Layout) -> (usize, usize) {
+        let pages = layout.size().div_ceil(self.page_bytes).next_power_of_two();
+        (pages.ilog2() as usize, pages * self.page_bytes)
     }
 
     /// Returns null if there is no room left.
     fn place(&self, layout: Layout, side: Side) -> *mut u8 {
-        let bytes = self.bytes_of(layout);
-        // The page before stays inaccessible, and so does the one before the next allocation.
-        let at = self
-            .next
-            .fetch_add(self.page_bytes + bytes, Ordering::Relaxed)
-            + self.page_bytes;
-        if layout.align() > self.page_bytes || at + bytes + self.page_bytes > ROOM_BYTES {
+        let (power, bytes) = self.pages(layout);
+        if layout.align() > self.page_bytes || power >= POWERS {
             return ptr::null_mut();
         }
-        let start = ptr::with_exposed_provenance_mut::<u8>(self.start + at);
-        // SAFETY: these pages are within the reservation and nobody else's.
-        let done =
-            unsafe { libc::mprotect(start.cast(), bytes, libc::PROT_READ | libc::PROT_WRITE) == 0 };
+        let mut freed = FREED.get();
+        let mut start = freed[power];
+        if start.is_null() {
+            start = self.open(bytes);
+        } else {
+            // SAFETY: freed pages hold the address of the next ones, and are this thread's own.
+            freed[power] = unsafe { start.cast::<*mut u8>().read() };
+            FREED.set(freed);
+        }
         match side {
-            _ if !done => ptr::null_mut(),
+            _ if start.is_null() => start,
             Side::Before => start,
             Side::After => start.wrapping_add((bytes - layout.size()) & !(layout.align() - 1)),
         }
     }
 
-    /// Makes the pages of an allocation inaccessible and gives their memory back.
+    /// Returns pages that were never used; null if there are none.
+    fn open(&self, bytes: usize) -> *mut u8 {
+        let end = |next: usize| next.next_multiple_of(2 * bytes) + 2 * bytes;
+        // The page after the last ones cannot be accessed either.
+        let last = self.start + ROOM_BYTES - self.page_bytes;
+        let next = self
+            .next
+            .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |next| {
+                Some(end(next)).filter(|&end| end <= last)
+            });
+        let Ok(next) = next else {
+            return ptr::null_mut();
+        };
+        let start = ptr::with_exposed_provenance_mut::<u8>(end(next) - bytes);
+        // SAFETY: these pages are within the reservation and nobody else's.
+        let result =
+            unsafe { libc::mprotect(start.cast(), bytes, libc::PROT_READ | libc::PROT_WRITE) };
+        if result == 0 { start } else { ptr::null_mut() }
+    }
+
+    /// Takes the pages of an allocation back.
     ///
     /// # Safety
     /// `place` returned `at` for this layout, and it is not used any more.
-    unsafe fn close(&self, at: *mut u8, layout: Layout) {
-        let start = at.wrapping_sub(at.addr() % self.page_bytes).cast();
-        let bytes = self.bytes_of(layout);
-        // SAFETY: these pages hold this allocation alone.
-        unsafe {
-            libc::madvise(start, bytes, libc::MADV_DONTNEED);
-            libc::mprotect(start, bytes, libc::PROT_NONE);
-        }
+    unsafe fn free(&self, at: *mut u8, layout: Layout) {
+        let (power, bytes) = self.pages(layout);
+        let start = at.wrapping_sub(at.addr() % bytes);
+        let mut freed = FREED.get();
+        // SAFETY: the pages hold this allocation alone, and are aligned.
+        unsafe { start.cast::<*mut u8>().write(freed[power]) };
+        freed[power] = start;
+        FREED.set(freed);
     }
 }
 
-// SAFETY: memory comes from the system's allocator or from pages of a reservation that are used
-// once; `dealloc` tells the two apart by their addresses.
+// SAFETY: memory comes from the system's allocator or from pages of a reservation that hold one allocation at a time;
+// `dealloc` tells the two apart by their addresses.
 unsafe impl GlobalAlloc for Guarded {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         let Some(side) = SIDE.try_with(Cell::get).ok().flatten() else {
@@ -168,7 +205,7 @@ unsafe impl GlobalAlloc for Guarded {
     unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
         match ROOM.get().and_then(Option::as_ref) {
             // SAFETY: only `place` returns addresses in the room.
-            Some(room) if room.contains(at.addr()) => unsafe { room.close(at, layout) },
+            Some(room) if room.contains(at.addr()) => unsafe { room.free(at, layout) },
             // SAFETY: all others come from the system's allocator.
             _ => unsafe { System.dealloc(at, layout) },
         }

@@ -32,6 +32,9 @@ use vgstereo_kernels::{Armv7em, NativeKernels, Rv32, Rv32Bytes, Rv32Xpulp};
 #[global_allocator]
 static ALLOCATOR: guarded::Guarded = guarded::Guarded;
 
+/// Runs a case with the kernels of a set. All that knows the set is behind it, so that the rest is compiled once for all.
+pub(crate) type Run<'a, C> = &'a dyn Fn(&mut C);
+
 /// The tests of every kernel of a set, which is `None` where the processor cannot run it: then
 /// they are listed as ignored.
 macro_rules! suite {
@@ -41,7 +44,7 @@ macro_rules! suite {
             aggregate_row, whole_row, rivals_row, check_row, arms_row, median9_row, weighted_median_row)
     };
     (@ $name:literal: $set:expr; $($kernel:ident),+) => {
-        [$(trial(concat!($name, "::", stringify!($kernel)), $set, |set| $kernel(set)),)+]
+        [$(trial(concat!($name, "::", stringify!($kernel)), $set, |set| $kernel(&|case| case.run(set))),)+]
     };
 }
 
@@ -173,15 +176,15 @@ fn native_sets_are_named_from_the_slowest_on() {
 
 /// Runs a case with a set and with the reference, and compares their outputs. `case` keeps the
 /// set's output.
-fn is_alike<C: Case>(case: &mut C, kernels: impl Kernels) -> Result<(), TestCaseError> {
+fn is_alike<C: Case>(case: &mut C, run: Run<'_, C>) -> Result<(), TestCaseError> {
     let mut reference = case.clone();
     reference.run(Portable);
     #[cfg(unix)]
     for side in guarded::Side::ALL {
-        let output = guarded::output(case, kernels, side);
+        let output = guarded::output(case, run, side);
         prop_assert_eq!(output, reference.output(), "guarded {:?}", side);
     }
-    case.run(kernels);
+    run(case);
     prop_assert_eq!(case.output(), reference.output());
     Ok(())
 }
@@ -223,96 +226,96 @@ fn largest_cost() -> impl Strategy<Value = u8> {
     prop_oneof![Just(0_u8), Just(255), any::<u8>()]
 }
 
-fn luma_row(kernels: impl Kernels) {
+fn luma_row(run: Run<'_, LumaCase>) {
     proptest!(config(), |(
         format in formats(), (pixels, width) in line_widths(), seed in any::<u64>(),
     )| {
-        is_alike(&mut LumaCase::random(&mut generator(seed), format, pixels, width), kernels)?;
+        is_alike(&mut LumaCase::random(&mut generator(seed), format, pixels, width), run)?;
     });
 }
 
-fn channel_row(kernels: impl Kernels) {
+fn channel_row(run: Run<'_, ChannelCase>) {
     proptest!(config(), |(
         format in formats(), (pixels, width) in line_widths(), seed in any::<u64>(),
     )| {
-        is_alike(&mut ChannelCase::random(&mut generator(seed), format, pixels, width), kernels)?;
+        is_alike(&mut ChannelCase::random(&mut generator(seed), format, pixels, width), run)?;
     });
 }
 
-fn resample_row(kernels: impl Kernels) {
+fn resample_row(run: Run<'_, ResampleCase>) {
     proptest!(config(), |(
         pixels in 1_usize..200, width in 1_usize..200, lines in 1_usize..12, seed in any::<u64>(),
     )| {
         let random = &mut generator(seed);
-        is_alike(&mut ResampleCase::random(random, pixels, width, lines), kernels)?;
+        is_alike(&mut ResampleCase::random(random, pixels, width, lines), run)?;
     });
 }
 
-fn convert_row(kernels: impl Kernels) {
+fn convert_row(run: Run<'_, ConvertCase>) {
     proptest!(config(), |(width in 1_usize..80, seed in any::<u64>())| {
-        is_alike(&mut ConvertCase::random(&mut generator(seed), width), kernels)?;
+        is_alike(&mut ConvertCase::random(&mut generator(seed), width), run)?;
     });
 }
 
-fn penalty_row(kernels: impl Kernels) {
+fn penalty_row(run: Run<'_, PenaltyCase>) {
     proptest!(config(), |(width in 1_usize..80, seed in any::<u64>())| {
-        is_alike(&mut PenaltyCase::random(&mut generator(seed), width), kernels)?;
+        is_alike(&mut PenaltyCase::random(&mut generator(seed), width), run)?;
     });
 }
 
-fn rivals_row(kernels: impl Kernels) {
+fn rivals_row(run: Run<'_, RivalsCase>) {
     proptest!(config(), |(
         width in 1_usize..150, disparities in 1_usize..70, seed in any::<u64>()
     )| {
-        is_alike(&mut RivalsCase::random(&mut generator(seed), width, disparities), kernels)?;
+        is_alike(&mut RivalsCase::random(&mut generator(seed), width, disparities), run)?;
     });
 }
 
-fn check_row(kernels: impl Kernels) {
+fn check_row(run: Run<'_, CheckCase>) {
     proptest!(config(), |(width in 1_usize..80, seed in any::<u64>())| {
-        is_alike(&mut CheckCase::random(&mut generator(seed), width), kernels)?;
+        is_alike(&mut CheckCase::random(&mut generator(seed), width), run)?;
     });
 }
 
-fn smooth_row(kernels: impl Kernels) {
+fn smooth_row(run: Run<'_, SmoothCase>) {
     let missing = prop_oneof![4 => Just(0_usize), 1 => 1_usize..=4];
     proptest!(config(), |(width in 1_usize..150, missing in missing, seed in any::<u64>())| {
         let mut case = SmoothCase::random(&mut generator(seed), width, missing);
         let before = case.output();
-        is_alike(&mut case, kernels)?;
+        is_alike(&mut case, run)?;
         if missing > 0 {
             prop_assert_eq!(case.output(), before);
         }
     });
 }
 
-fn pack_cells(kernels: impl Kernels) {
+fn pack_cells(run: Run<'_, PackCase>) {
     proptest!(config(), |(width in 1_usize..80, seed in any::<u64>())| {
-        is_alike(&mut PackCase::random(&mut generator(seed), width), kernels)?;
+        is_alike(&mut PackCase::random(&mut generator(seed), width), run)?;
     });
 }
 
-fn recall_row(kernels: impl Kernels) {
+fn recall_row(run: Run<'_, RecallCase>) {
     let bytes = prop_oneof![1_usize..=8, 9_usize..=40, Just(128)];
     proptest!(config(), |(
         width in 1_usize..60, disparities in disparities(), bytes in bytes, seed in any::<u64>(),
     )| {
         let mut case = RecallCase::random(&mut generator(seed), width, disparities, bytes);
-        is_alike(&mut case, kernels)?;
+        is_alike(&mut case, run)?;
     });
 }
 
-fn mask_block(kernels: impl Kernels) {
+fn mask_block(run: Run<'_, MaskCase>) {
     let lanes = prop_oneof![1..=MASK_LANES, Just(MASK_LANES)];
     let bytes = prop_oneof![1_usize..=16, Just(32), Just(64), Just(128)];
     proptest!(config(), |(
         lanes in lanes, bytes in bytes, channels in channels(), seed in any::<u64>(),
     )| {
-        is_alike(&mut MaskCase::random(&mut generator(seed), lanes, bytes, channels), kernels)?;
+        is_alike(&mut MaskCase::random(&mut generator(seed), lanes, bytes, channels), run)?;
     });
 }
 
-fn cost_run(kernels: impl Kernels) {
+fn cost_run(run: Run<'_, CostCase>) {
     let width = prop_oneof![1_usize..40, 60_usize..=128];
     let bytes = prop_oneof![
         1_usize..=8,
@@ -329,11 +332,11 @@ fn cost_run(kernels: impl Kernels) {
         seed in any::<u64>(),
     )| {
         let random = &mut generator(seed);
-        is_alike(&mut CostCase::random(random, width, disparities, bytes, channels), kernels)?;
+        is_alike(&mut CostCase::random(random, width, disparities, bytes, channels), run)?;
     });
 }
 
-fn aggregate_paths(kernels: impl Kernels) {
+fn aggregate_paths(run: Run<'_, PathsCase>) {
     proptest!(config(), |(
         width in 1_usize..60, disparities in disparities(), cost_max in largest_cost(),
         seed in any::<u64>(),
@@ -341,23 +344,23 @@ fn aggregate_paths(kernels: impl Kernels) {
         let random = &mut generator(seed);
         let mut case = PathsCase(AggregateCase::random(random, width, disparities, cost_max));
         for _ in 0..3 {
-            is_alike(&mut case, kernels)?;
+            is_alike(&mut case, run)?;
             case.0.next_row(random, cost_max);
         }
     });
 }
 
-fn select_row(kernels: impl Kernels) {
+fn select_row(run: Run<'_, SelectCase>) {
     proptest!(config(), |(
         width in 1_usize..60, disparities in disparities(), cost_max in largest_cost(),
         seed in any::<u64>(),
     )| {
         let random = &mut generator(seed);
-        is_alike(&mut SelectCase::random(random, width, disparities, cost_max), kernels)?;
+        is_alike(&mut SelectCase::random(random, width, disparities, cost_max), run)?;
     });
 }
 
-fn aggregate_row(kernels: impl Kernels) {
+fn aggregate_row(run: Run<'_, AggregateCase>) {
     proptest!(config(), |(
         width in 1_usize..60, disparities in disparities(), cost_max in largest_cost(),
         seed in any::<u64>(),
@@ -365,39 +368,39 @@ fn aggregate_row(kernels: impl Kernels) {
         let random = &mut generator(seed);
         let mut case = AggregateCase::random(random, width, disparities, cost_max);
         for _ in 0..3 {
-            is_alike(&mut case, kernels)?;
+            is_alike(&mut case, run)?;
             case.next_row(random, cost_max);
         }
     });
 }
 
 /// Costs, rivals, paths and selection, one after another.
-fn whole_row(kernels: impl Kernels) {
+fn whole_row(run: Run<'_, RowsCase>) {
     let width = prop_oneof![4 => 1_usize..60, 1 => 120_usize..=160];
     let bytes = prop_oneof![Just(4_usize), Just(6), Just(16)];
     proptest!(config(), |(
         width in width, disparities in disparities(), bytes in bytes, seed in any::<u64>(),
     )| {
         let random = &mut generator(seed);
-        is_alike(&mut RowsCase::random(random, width, 3, disparities, bytes), kernels)?;
+        is_alike(&mut RowsCase::random(random, width, 3, disparities, bytes), run)?;
     });
 }
 
-fn arms_row(kernels: impl Kernels) {
+fn arms_row(run: Run<'_, ArmsCase>) {
     proptest!(config(), |(
         width in 1_usize..200, reach in 0_u8..=127, channels in channels(), seed in any::<u64>(),
     )| {
-        is_alike(&mut ArmsCase::random(&mut generator(seed), width, reach, channels), kernels)?;
+        is_alike(&mut ArmsCase::random(&mut generator(seed), width, reach, channels), run)?;
     });
 }
 
-fn median9_row(kernels: impl Kernels) {
+fn median9_row(run: Run<'_, Median9Case>) {
     proptest!(config(), |(width in 1_usize..80, seed in any::<u64>())| {
-        is_alike(&mut Median9Case::random(&mut generator(seed), width), kernels)?;
+        is_alike(&mut Median9Case::random(&mut generator(seed), width), run)?;
     });
 }
 
-fn weighted_median_row(kernels: impl Kernels) {
+fn weighted_median_row(run: Run<'_, WeightedMedianCase>) {
     let width = prop_oneof![1_usize..80, Just(16), Just(32), Just(64)];
     let window = prop_oneof![
         (0_usize..=12, 1_usize..=MAX_TAP_ROWS),
@@ -407,6 +410,6 @@ fn weighted_median_row(kernels: impl Kernels) {
         width in width, (reach_x, rows) in window, channels in channels(), seed in any::<u64>(),
     )| {
         let random = &mut generator(seed);
-        is_alike(&mut WeightedMedianCase::random(random, width, reach_x, rows, channels), kernels)?;
+        is_alike(&mut WeightedMedianCase::random(random, width, reach_x, rows, channels), run)?;
     });
 }
