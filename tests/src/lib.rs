@@ -14,10 +14,11 @@ use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_core::literal::GreyImage;
 use vgstereo_core::{
-    Config, DisparityLine, DisparityRange, INVALID, Kernels, LineOffsets, Matcher, Method, Output,
+    Config, DisparityLine, DisparityRange, Kernels, LineOffsets, Matcher, Method, Output,
     Parameters, Portable, Preset, SgmParameters,
 };
 use vgstereo_firmware::camera::{PixelFormat, RawLine};
+use vgstereo_sim::frame::Matched;
 use vgstereo_sim::metrics::is_bad;
 use vgstereo_sim::prepared::Prepared;
 use vgstereo_sim::scene::Scene;
@@ -281,64 +282,62 @@ pub struct Found {
     pub wrong: f64,
 }
 
-/// Returns what a preset finds in a scene, and what it finds without its doubt of rivals. Disparities further
-/// than `threshold_px` from the truth are wrong.
-///
-/// # Panics
-/// Panics if the scene has no ground truth, or cannot be matched.
-#[must_use]
-pub fn found_with_and_without_doubt(
-    prepared: &Prepared,
-    preset: Preset,
-    threshold_px: f32,
-) -> [Found; 2] {
-    let parameters = preset.parameters();
-    let without = with_sgm(parameters, |sgm| sgm.rivals = None);
-    [parameters, without].map(|parameters| found(prepared, parameters, threshold_px))
+impl Found {
+    /// Counts what was found in a scene, not what was filled. Disparities further than `threshold_px` from the truth are
+    /// wrong.
+    ///
+    /// # Panics
+    /// Panics if the scene has no ground truth.
+    #[must_use]
+    pub fn new(matched: &Matched, scene: &Scene, threshold_px: f32) -> Self {
+        let truth = scene.truth.as_ref().unwrap();
+        let inside = truth.nonocc.as_ref().or(truth.all.as_ref()).unwrap();
+        let (mut pixels, mut right, mut wrong) = (0_u32, 0_u32, 0_u32);
+        let map = matched.disparities_q4.iter().zip(&matched.confidences);
+        let map = map.zip(&truth.left_px).zip(inside.iter());
+        for (((&found_q4, &confidence), &known_px), &is_inside) in map {
+            if !is_inside || known_px.is_nan() {
+                continue;
+            }
+            pixels += 1;
+            if confidence > 0 {
+                let is_wrong = is_bad(found_q4, known_px, threshold_px);
+                *(if is_wrong { &mut wrong } else { &mut right }) += 1;
+            }
+        }
+        let percent = |part: u32| 100.0 * f64::from(part) / f64::from(pixels);
+        Self {
+            right: percent(right),
+            wrong: percent(wrong),
+        }
+    }
 }
 
-fn found(prepared: &Prepared, parameters: Parameters, threshold_px: f32) -> Found {
-    let matched = prepared.matched(parameters, Output::Sparse, 2).unwrap();
-    let truth = prepared.scene.truth.as_ref().unwrap();
-    let inside = truth.nonocc.as_ref().or(truth.all.as_ref()).unwrap();
-    let (mut pixels, mut right, mut wrong) = (0_u32, 0_u32, 0_u32);
-    let map = matched.disparities_q4.iter().zip(&truth.left_px);
-    for ((&found_q4, &known_px), &is_inside) in map.zip(inside.iter()) {
-        if !is_inside || known_px.is_nan() {
-            continue;
-        }
-        pixels += 1;
-        if found_q4 != INVALID {
-            let is_wrong = is_bad(found_q4, known_px, threshold_px);
-            *(if is_wrong { &mut wrong } else { &mut right }) += 1;
-        }
-    }
-    let percent = |part: u32| 100.0 * f64::from(part) / f64::from(pixels);
-    Found {
-        right: percent(right),
-        wrong: percent(wrong),
-    }
+/// Matches a scene with a preset, and with the preset without its doubt of rivals.
+///
+/// # Panics
+/// Panics if the scene cannot be matched.
+#[must_use]
+pub fn matched_with_and_without_doubt(prepared: &Prepared, preset: Preset) -> [Matched; 2] {
+    let parameters = preset.parameters();
+    let without = with_sgm(parameters, |sgm| sgm.rivals = None);
+    let matched = |parameters| prepared.matched(parameters, Output::Dense, 2);
+    [parameters, without].map(|parameters| matched(parameters).unwrap())
 }
 
 /// Returns the percentage of pixels whose disparity is more than 1 px from the scene's truth,
 /// averaged over the scene's masks.
 #[must_use]
 pub fn bad_percent(parameters: Parameters, scene: &Scene) -> f64 {
-    bad_percent_beyond(1.0, parameters, scene, false)
+    bad_percent_in(parameters, scene, false)
 }
 
-/// Returns the percentage of pixels whose disparity is more than `threshold_px` from the scene's
-/// truth, averaged over its masks; the views are matched in grey if `grey` is set.
+/// Returns what [`bad_percent`] does; the views are matched in grey if `grey` is set.
 #[must_use]
-pub fn bad_percent_beyond(
-    threshold_px: f32,
-    parameters: Parameters,
-    scene: &Scene,
-    grey: bool,
-) -> f64 {
+pub fn bad_percent_in(parameters: Parameters, scene: &Scene, grey: bool) -> f64 {
     let scene = Prepared::new(scene.clone(), grey).unwrap();
     let matched = scene.matched(parameters, Output::Dense, 1).unwrap();
-    let bad = scene.measure(&matched, threshold_px, false).unwrap();
+    let bad = scene.measure(&matched, 1.0, false).unwrap();
     bad.average().unwrap()
 }
 

@@ -1,14 +1,14 @@
 //! What is in doubt: where what is seen repeats, hardly anything is believed, and confidence tells what is
 //! likely to be right.
 
-use vgstereo_core::Output;
+use vgstereo_core::{Output, Preset};
 use vgstereo_sim::arguments::aggregating_unless_named;
 use vgstereo_sim::metrics::ByConfidence;
 use vgstereo_sim::prepared::Prepared;
 use vgstereo_sim::render::{RenderOptions, render};
 use vgstereo_sim::scene::Scene;
 use vgstereo_sim::stress::{Kind, Stress};
-use vgstereo_tests::found_with_and_without_doubt;
+use vgstereo_tests::{Found, matched_with_and_without_doubt};
 
 /// The built-in scene, in whose middle surfaces have stripes of this period, px; or as it is.
 fn scene(period_px: Option<f32>) -> Prepared {
@@ -20,12 +20,18 @@ fn scene(period_px: Option<f32>) -> Prepared {
     Prepared::new(scene, false).unwrap()
 }
 
+/// What a preset finds in a scene, and what it finds without its doubt of rivals.
+fn found_with_and_without_doubt(prepared: &Prepared, preset: Preset) -> [Found; 2] {
+    let matched = matched_with_and_without_doubt(prepared, preset);
+    matched.map(|matched| Found::new(&matched, &prepared.scene, 1.0))
+}
+
 #[test]
 fn of_what_repeats_hardly_anything_is_kept() {
     for period_px in [6.0, 8.0, 12.0] {
         let prepared = scene(Some(period_px));
         for preset in aggregating_unless_named(&[]) {
-            let [found, found_without] = found_with_and_without_doubt(&prepared, preset, 1.0);
+            let [found, found_without] = found_with_and_without_doubt(&prepared, preset);
             println!("{period_px} px, {preset}: {found:.2?}, without doubt {found_without:.2?}");
             assert!(found.wrong < 1.0 && found.right < 5.0);
             assert!(found_without.wrong > 3.0 * found.wrong.max(1.0));
@@ -38,7 +44,7 @@ fn of_what_repeats_hardly_anything_is_kept() {
 fn little_is_lost_elsewhere() {
     let prepared = scene(None);
     for preset in aggregating_unless_named(&[]) {
-        let [found, found_without] = found_with_and_without_doubt(&prepared, preset, 1.0);
+        let [found, found_without] = found_with_and_without_doubt(&prepared, preset);
         println!("{preset}: {found:.2?}, without doubt {found_without:.2?}");
         assert!(found.right > 0.975 * found_without.right);
         assert!(found.wrong < found_without.wrong);
