@@ -3,8 +3,8 @@
 //!
 //! Every set implements [`Kernels`](vgstereo_core::kernel::Kernels) and equals the reference,
 //! [`Portable`](vgstereo_core::kernel::Portable), bit for bit. [`Armv7em`], [`Rv32`], [`Rv32Bytes`] and [`Rv32Xpulp`] are
-//! for microcontrollers, as is `Helium`, which is there where the compiler's flags name a processor with
-//! these instructions. [`NativeKernels`] is for programs that learn only at run time which
+//! for microcontrollers; the last three are not there where neither a RISC-V processor nor an operating system is. `Helium`
+//! is there where the compiler's flags name a processor with these instructions. [`NativeKernels`] is for programs that learn only at run time which
 //! instructions the processor has.
 //!
 //! Each folder holds the kernels of one instruction set; its files are named as those of
@@ -29,8 +29,11 @@ pub mod cases;
 #[allow(unsafe_code)]
 mod helium;
 mod native;
+#[cfg(rv32)]
 mod rv32;
+#[cfg(rv32_bytes)]
 mod rv32_bytes;
+#[cfg(rv32_xpulp)]
 mod rv32_xpulp;
 mod stereo_unit;
 #[cfg(all(target_arch = "x86_64", feature = "std"))]
@@ -44,10 +47,13 @@ pub use armv7em::Armv7em;
 #[cfg(helium)]
 pub use helium::Helium;
 pub use native::NativeKernels;
+#[cfg(rv32)]
 pub use rv32::Rv32;
+#[cfg(rv32_bytes)]
 pub use rv32_bytes::Rv32Bytes;
-#[cfg(feature = "cases")]
+#[cfg(all(rv32_bytes, feature = "cases"))]
 #[doc(hidden)]
 pub use rv32_bytes::byte_instruction;
+#[cfg(rv32_xpulp)]
 pub use rv32_xpulp::Rv32Xpulp;
 pub use stereo_unit::{Port, StereoUnit};
