@@ -223,7 +223,8 @@ fn cost_pixels<
             let four = |row: usize| splat_u8(own.get(row * PIXELS).copied().unwrap_or(0));
             // If all cells count, the cost per cell is a whole number.
             let cell_cost = u32::from(cell_cost >> if TERMS == 1 { 8 } else { 0 });
-            if TERMS == 1 && BYTES < PART {
+            // What is unrolled takes more flash.
+            if TERMS == 1 && BYTES < PART && !cfg!(feature = "compact") {
                 let weights = |level| {
                     let mut words = weighing.words();
                     weighing.set(&mut words, level, cell_cost, truncation);
