@@ -117,35 +117,28 @@ fn add_ones(
     ones: &mut [Lanes],
 ) {
     let plane = |byte| words_of(inputs, byte, first, lanes);
+    // The number of synapses is a multiple of 16.
     if masks.count == 0 {
-        add_planes(inputs.count, plane, ones);
+        let pair = |byte| {
+            let words = plane(byte).zip(plane(byte + 1));
+            words.map(|(a, b)| ones_of_bytes(a, b))
+        };
+        for byte in (0..inputs.count).step_by(4) {
+            if byte + 2 < inputs.count {
+                let fours = pair(byte).zip(pair(byte + 2));
+                add_bytes(fours.map(|(a, b)| a + b), ones);
+            } else {
+                add_bytes(pair(byte), ones);
+            }
+        }
     } else {
         let masked = |byte| {
             let words = plane(byte).zip(words_of(masks, byte, 0, lanes));
             words.map(|(word, mask)| word & mask)
         };
-        add_planes(inputs.count, masked, ones);
-    }
-}
-
-/// Adds the ones of `count` planes, four at a time, and of two that may remain: the number of synapses is a multiple of
-/// 16.
-#[inline(always)]
-fn add_planes<I: Iterator<Item = u32>>(
-    count: usize,
-    plane: impl Fn(usize) -> I,
-    ones: &mut [Lanes],
-) {
-    let pair = |byte| {
-        let words = plane(byte).zip(plane(byte + 1));
-        words.map(|(a, b)| ones_of_bytes(a, b))
-    };
-    for byte in (0..count).step_by(4) {
-        if byte + 2 < count {
-            let fours = pair(byte).zip(pair(byte + 2));
-            add_bytes(fours.map(|(a, b)| a + b), ones);
-        } else {
-            add_bytes(pair(byte), ones);
+        for byte in (0..inputs.count).step_by(2) {
+            let words = masked(byte).zip(masked(byte + 1));
+            add_bytes(words.map(|(a, b)| ones_of_bytes(a, b)), ones);
         }
     }
 }
