@@ -6,7 +6,7 @@
 
 use super::synapse::Synapses;
 use crate::kernel::{CELLS_PER_BYTE, Kernels, LANES, Planes};
-use crate::rows::{Arena, OutOfMemory, Strip};
+use crate::rows::{Arena, OutOfMemory, Strip, StripWindow};
 
 /// The patterns of one row of neurons, in byte planes: see [`Planes`].
 ///
@@ -61,23 +61,27 @@ impl<'m> PatternRow<'m> {
         count: usize,
         kernels: &impl Kernels,
     ) {
-        // Nine samples make eight cells; the ninth is the first of the next byte.
         let [near, far] = strips.map(|strip| strip.window(line));
         let half = synapses.len() / 2;
-        let windows = (0..synapses.len()).map(|index| if index < half { near } else { far });
-        let offsets = synapses.iter().zip(windows).cycle();
-        let mut samples = offsets.map(|(offset, window)| window.samples(offset, first, count));
-        let mut next = samples.next().unwrap_or_default();
-        for plane in self.planes.chunks_exact_mut(self.stride.max(1)) {
-            let mut group: [&[u8]; CELLS_PER_BYTE + 1] = [next; CELLS_PER_BYTE + 1];
-            for slot in &mut group[1..] {
-                *slot = samples.next().unwrap_or_default();
-            }
-            next = group[CELLS_PER_BYTE];
-            if let Some(plane) = plane.get_mut(..count) {
-                kernels.pack_cells(&group, plane);
-            }
-        }
+        let near_bytes = half / CELLS_PER_BYTE * self.stride;
+        let (near_planes, far_planes) = self
+            .planes
+            .split_at_mut_checked(near_bytes)
+            .unwrap_or_default();
+        let pack = |window, half_synapses, planes, after| {
+            let half = Half {
+                window,
+                synapses: half_synapses,
+                first,
+                count,
+            };
+            half.pack(planes, self.stride, after, kernels)
+        };
+        // The last synapse's partner is the first.
+        let start = synapses.iter().next();
+        let start = start.map_or(&[][..], |offset| near.samples(offset, first, count));
+        let middle = pack(far, synapses.group(1, half), far_planes, start);
+        pack(near, synapses.group(0, half), near_planes, middle);
     }
 
     /// Moves the first `count` patterns so that they begin at position `front`, and fills the
@@ -117,5 +121,46 @@ impl<'m> PatternRow<'m> {
             stride: self.stride,
             count: self.count,
         }
+    }
+}
+
+/// Half of the synapses of a row of neurons.
+struct Half<'a> {
+    /// The lines that these synapses sample.
+    window: StripWindow<'a>,
+    synapses: Synapses<'a>,
+    /// Stored position of the first neuron.
+    first: usize,
+    /// Number of neurons.
+    count: usize,
+}
+
+impl<'a> Half<'a> {
+    /// Packs the cells of these synapses to planes of `stride` bytes. `after` are the samples of the synapse after the
+    /// last; returns those of the first.
+    // In one place for both halves, as it is large.
+    #[inline(never)]
+    fn pack(
+        &self,
+        planes: &mut [u8],
+        stride: usize,
+        after: &'a [u8],
+        kernels: &impl Kernels,
+    ) -> &'a [u8] {
+        let mut after = after;
+        let planes = planes.chunks_exact_mut(stride.max(1));
+        // Nine samples make eight cells; the ninth is the first of the next byte, which is packed before.
+        for (byte, plane) in planes.enumerate().rev() {
+            let mut group = [after; CELLS_PER_BYTE + 1];
+            let offsets = self.synapses.group(byte, CELLS_PER_BYTE);
+            for (samples, offset) in group.iter_mut().zip(offsets.iter()) {
+                *samples = self.window.samples(offset, self.first, self.count);
+            }
+            after = group[0];
+            if let Some(plane) = plane.get_mut(..self.count) {
+                kernels.pack_cells(&group, plane);
+            }
+        }
+        after
     }
 }

@@ -1,8 +1,6 @@
 //! Moved lines: pixels that are moved up or down by parts of a line, more at one end of the line than at
 //! the other.
 
-use core::ops::Range;
-
 use super::arena::{Arena, OutOfMemory, words};
 use super::copy::copy_common;
 use super::ring::Ring;
@@ -113,19 +111,22 @@ impl<'m> CameLines<'m> {
         let came_starts: [usize; MAX_MOVED_LINES + 1] =
             core::array::from_fn(|b| came_start(back(b)));
         for (block, offset_q4) in offsets.blocks_q4(width, reach).enumerate() {
+            let at = BLOCK_PX * block;
             // The last block may be narrower.
-            let run = |starts: &[usize], back: usize| {
-                let start = starts.get(back).copied().unwrap_or(usize::MAX - width);
-                start + BLOCK_PX * block..start + width.min(BLOCK_PX * (block + 1))
+            let count = BLOCK_PX.min(width - at);
+            let place_of = |starts: &[usize], back: usize| {
+                starts
+                    .get(back)
+                    .map_or(usize::MAX - width, |start| start + at)
             };
-            let own = load(lines.values(), run(&starts, 0));
+            let own = load(lines.values(), place_of(&starts, 0), count);
             if offset_q4 != 0 {
                 // The line above the place of a pixel, seen from its own: from -reach to reach - 1.
                 let above = (offset_q4 - 1) >> 4;
                 let share_q4 = (offset_q4 - 16 * above) as u32;
                 let level = |back: usize| match back.min(newest as usize) {
                     0 => own,
-                    _ => load(came, run(&came_starts, back)),
+                    _ => load(came, place_of(&came_starts, back), count),
                 };
                 let (place, [above, below]) = if above < 0 {
                     let count = above.unsigned_abs() as usize;
@@ -135,10 +136,10 @@ impl<'m> CameLines<'m> {
                 };
                 if place <= newest as usize {
                     let mixed = mix(above, below, share_q4);
-                    store(lines.values_mut(), run(&starts, place), mixed);
+                    store(lines.values_mut(), place_of(&starts, place), count, mixed);
                 }
             }
-            store(came, run(&came_starts, 0), own);
+            store(came, place_of(&came_starts, 0), count, own);
         }
         for waited in 0..=reach {
             lines.replicate_edges(back(waited));
@@ -146,15 +147,15 @@ impl<'m> CameLines<'m> {
     }
 }
 
-/// The levels of up to 8 px, the first in the lowest byte; zero beyond.
+/// The levels of `count` px, at most 8, from `start` on, the first in the lowest byte; zero beyond.
 #[inline(always)]
-fn load(levels: &[u8], run: Range<usize>) -> u64 {
-    let levels = levels.get(run).unwrap_or_default();
+fn load(levels: &[u8], start: usize, count: usize) -> u64 {
+    let levels = levels.get(start..).unwrap_or_default();
     match levels.first_chunk() {
-        Some(levels) => u64::from_le_bytes(*levels),
-        None => {
+        Some(levels) if count == BLOCK_PX => u64::from_le_bytes(*levels),
+        _ => {
             let mut narrow = [0; BLOCK_PX];
-            copy_common(&mut narrow, levels);
+            copy_common(&mut narrow, levels.get(..count).unwrap_or_default());
             u64::from_le_bytes(narrow)
         }
     }
@@ -162,11 +163,14 @@ fn load(levels: &[u8], run: Range<usize>) -> u64 {
 
 /// Writes what [`load`] reads.
 #[inline(always)]
-fn store(levels: &mut [u8], run: Range<usize>, block: u64) {
-    let levels = levels.get_mut(run).unwrap_or_default();
+fn store(levels: &mut [u8], start: usize, count: usize, block: u64) {
+    let levels = levels.get_mut(start..).unwrap_or_default();
     match levels.first_chunk_mut() {
-        Some(levels) => *levels = block.to_le_bytes(),
-        None => copy_common(levels, &block.to_le_bytes()),
+        Some(levels) if count == BLOCK_PX => *levels = block.to_le_bytes(),
+        _ => copy_common(
+            levels.get_mut(..count).unwrap_or_default(),
+            &block.to_le_bytes(),
+        ),
     }
 }
 

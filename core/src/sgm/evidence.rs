@@ -11,6 +11,9 @@ use crate::kernel::lanes::{LANES, Lanes, add, in_order, lanes_of};
 /// Largest number of pixels of a run.
 pub(super) const MAX_LANES: usize = 128;
 
+/// The highest bit of each half of a word. No number of ones has it.
+const HIGHEST: u32 = 0x8000_8000;
+
 /// How much the pattern of a pixel may cost at most, by the number of its cells that are 1.
 pub(super) struct Evidence {
     truncation: u8,
@@ -53,17 +56,36 @@ impl Evidence {
         let largest =
             |ones: u32, weight_q24: u32| ((ones * weight_q24) >> 16).min(truncation) as u8;
         let lanes = cell_costs_q8.len().min(MAX_LANES);
-        add_ones((inputs, first), masks, lanes, &mut self.ones);
         let (costs, other_costs) = cell_costs_q8.as_chunks::<LANES>();
         let (words, others) = truncations.as_chunks_mut::<LANES>();
-        let pixels = words.iter_mut().zip(&mut self.ones).zip(costs);
         if let (0, Some(&cost)) = (masks.count, cell_costs_q8.first()) {
             let weight_q24 = weight_q24(cost);
-            for ((truncations, ones), _) in pixels {
-                let ones = in_order(core::mem::take(ones));
-                *truncations = ones.map(|ones| largest(ones, weight_q24));
+            // From so many ones on, all patterns have the same truncation.
+            let enough = (truncation << 16).div_ceil(weight_q24.max(1)).min(1 << 15);
+            let none_left = HIGHEST - enough * 0x1_0001;
+            let truncate = |[even, odd]: Lanes| {
+                if (even + none_left) & (odd + none_left) & HIGHEST == HIGHEST {
+                    [self.truncation; LANES]
+                } else {
+                    in_order([even, odd]).map(|ones| largest(ones, weight_q24))
+                }
+            };
+            let words = words.iter_mut().zip(costs);
+            if inputs.count == 4 {
+                let plane = |byte| words_of(inputs, byte, first, lanes);
+                let counts = plane(0).zip(plane(1)).zip(plane(2).zip(plane(3)));
+                for ((truncations, _), ((a, b), (c, d))) in words.zip(counts) {
+                    *truncations = truncate(lanes_of(ones_of_bytes(a, b) + ones_of_bytes(c, d)));
+                }
+            } else {
+                add_ones((inputs, first), masks, lanes, &mut self.ones);
+                for ((truncations, _), ones) in words.zip(&mut self.ones) {
+                    *truncations = truncate(core::mem::take(ones));
+                }
             }
         } else {
+            add_ones((inputs, first), masks, lanes, &mut self.ones);
+            let pixels = words.iter_mut().zip(&mut self.ones).zip(costs);
             for ((truncations, ones), &[a_cost, b_cost, c_cost, d_cost]) in pixels {
                 let [a, b, c, d] = in_order(core::mem::take(ones));
                 let pairs = [(a, a_cost), (b, b_cost), (c, c_cost), (d, d_cost)];
@@ -172,6 +194,50 @@ mod tests {
     use rand_pcg::Pcg32;
 
     use super::*;
+
+    #[test]
+    fn truncations_follow_from_the_ones_of_each_pixel() {
+        let seed = 12;
+        let mut random = Pcg32::seed_from_u64(seed);
+        let mut below = |bound: u32| random.next_u32() % bound;
+        for round in 0..400 {
+            let (lanes, count) = (1 + below(128) as usize, [2, 4, 6, 8, 64][round % 5]);
+            let (first, stride) = (below(9) as usize, 150);
+            // Sparse, dense and even patterns, so that many pixels have about enough ones.
+            let sparse = below(256) as u8;
+            let mut bytes =
+                |size: usize| -> Vec<u8> { (0..size).map(|_| below(256) as u8 & sparse).collect() };
+            let (own, mask) = (bytes(stride * count), bytes(lanes * count));
+            let planes = |bytes, stride| Planes {
+                bytes,
+                stride,
+                count,
+            };
+            let inputs = planes(&own, stride);
+            let mut evidence = Evidence {
+                truncation: [0, 1, 32, below(256) as u8, 255][below(5) as usize],
+                weight_q8: [0, 1, 264, below(65_536), 65_535][below(5) as usize],
+                ones: [Lanes::default(); MAX_LANES / LANES],
+            };
+            // Of all cells together the costs fit 16 bits.
+            let mut cost = || below(1 + 65_535 / (8 * count as u32)) as u16;
+            let (uniform, costs) = ([cost(); MAX_LANES], [(); MAX_LANES].map(|()| cost()));
+            for (masks, costs) in [(Planes::NONE, uniform), (planes(&mask, lanes), costs)] {
+                let mut found = [7; MAX_LANES];
+                evidence.truncate((inputs, first), masks, &costs[..lanes], &mut found);
+                for (x, (&found, cost)) in found.iter().zip(costs).enumerate().take(lanes) {
+                    let ones = u64::from(ones_of_pixel((inputs, first), masks, x));
+                    let largest = (ones * u64::from(cost) * u64::from(evidence.weight_q8)) >> 16;
+                    let expected = largest.min(evidence.truncation.into());
+                    assert_eq!(
+                        u64::from(found),
+                        expected,
+                        "seed {seed}, round {round}, {x}"
+                    );
+                }
+            }
+        }
+    }
 
     #[test]
     fn ones_are_counted_pixel_by_pixel() {

@@ -6,7 +6,7 @@
 use super::border::Border;
 use super::surroundings::Surroundings;
 use crate::config::Config;
-use crate::disparity::{INVALID, STEPS_PER_PX};
+use crate::disparity::STEPS_PER_PX;
 use crate::rows::{Found, RowStage};
 
 /// Fill of a row: extends the border, keeps the disparities still in doubt, and fills the gaps. It
@@ -37,9 +37,6 @@ impl RowStage<Surroundings<'_, '_, '_>> for Fill {
 
     fn push(&mut self, row: &mut [i16], _: &mut Surroundings<'_, '_, '_>) -> bool {
         self.border.extend(row, self.largest_index_q4);
-        for found in row.iter_mut() {
-            *found = Found::of(*found).index_q4();
-        }
         fill_row(row);
         true
     }
@@ -49,41 +46,47 @@ impl RowStage<Surroundings<'_, '_, '_>> for Fill {
     }
 }
 
-/// Value of a pixel without a disparity, larger than every disparity.
-const GAP: i16 = Found::NOT_FOUND.index_q4();
-
-/// Fills the gaps of a row of disparities. A row without any disparity becomes [`INVALID`].
+/// Turns a row of stored values of [`Found`] into disparities, those in doubt too, and fills the gaps. A row
+/// without any disparity stays [`INVALID`](crate::disparity::INVALID).
 fn fill_row(row: &mut [i16]) {
-    let mut from = 0;
-    while let Some(known) = row.iter().skip(from).position(|&found| found == GAP) {
-        let start = from + known;
-        let length = row.iter().skip(start).take_while(|&&found| found == GAP);
-        let end = start + length.count();
-        let before = start.checked_sub(1).and_then(|left| row.get(left));
-        let fill = before.into_iter().chain(row.get(end)).min().copied();
-        if let Some(gap) = row.get_mut(start..end) {
-            gap.fill(fill.unwrap_or(INVALID));
+    let mut x = 0;
+    // Disparities that hold stay as they are.
+    let doubtful = |&found: &i16| !Found::of(found).holds();
+    while let Some(ahead) = row.get(x..).and_then(|rest| rest.iter().position(doubtful)) {
+        x += ahead;
+        let Some(found) = row.get_mut(x) else { return };
+        if Found::of(*found).is_found() {
+            *found = Found::of(*found).index_q4();
+            x += 1;
+            continue;
         }
-        from = end;
+        let is_gap = |&&found: &&i16| !Found::of(found).is_found();
+        let end = x + row.iter().skip(x).take_while(is_gap).count();
+        let before = x.checked_sub(1).and_then(|left| row.get(left).copied());
+        let after = row.get(end).map(|&found| Found::of(found).index_q4());
+        if let (Some(disparity), Some(gap)) =
+            (before.into_iter().chain(after).min(), row.get_mut(x..end))
+        {
+            gap.fill(disparity);
+        }
+        x = end;
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::disparity::INVALID;
 
     #[test]
     fn gaps_take_the_smaller_neighbour() {
-        const X: i16 = GAP;
+        const X: i16 = INVALID;
         let filled = |mut row: [i16; 8]| {
             fill_row(&mut row);
             row
         };
         assert_eq!(filled([X, X, 5, X, 9, X, 7, X]), [5, 5, 5, 5, 9, 7, 7, 7]);
-        assert_eq!(
-            filled([1, X, X, X, X, X, X, -2]),
-            [1, -2, -2, -2, -2, -2, -2, -2]
-        );
+        assert_eq!(filled([1, X, X, !0, X, X, 2, !3]), [1, 0, 0, 0, 0, 0, 2, 3]);
         assert_eq!(filled([X; 8]), [INVALID; 8]);
         assert_eq!(filled([1, 2, 3, 4, 5, 6, 7, 8]), [1, 2, 3, 4, 5, 6, 7, 8]);
     }

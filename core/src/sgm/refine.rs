@@ -255,16 +255,24 @@ impl<'m, K: Kernels> SgmRefiner<'m, K> {
             self.line_q4.reverse();
             self.line_confidences.reverse();
         }
-        for (disparity_q4, confidence) in self
-            .line_q4
-            .iter_mut()
-            .zip(self.line_confidences.iter_mut())
-        {
-            if *disparity_q4 == INVALID {
-                *confidence = 0;
-            } else if self.is_sparse && *confidence == 0 {
-                *disparity_q4 = INVALID;
-            } else {
+        let (line_q4, confidences) = (&mut *self.line_q4, &mut *self.line_confidences);
+        // In loops of their own, most of which a line seldom needs.
+        if line_q4.contains(&INVALID) {
+            for (confidence, &disparity_q4) in confidences.iter_mut().zip(&*line_q4) {
+                if disparity_q4 == INVALID {
+                    *confidence = 0;
+                }
+            }
+        }
+        if self.is_sparse {
+            for (disparity_q4, &confidence) in line_q4.iter_mut().zip(&*confidences) {
+                if confidence == 0 {
+                    *disparity_q4 = INVALID;
+                }
+            }
+        }
+        if minimum_q4 != 0 {
+            for disparity_q4 in line_q4.iter_mut().filter(|&&mut it| it != INVALID) {
                 *disparity_q4 += minimum_q4;
             }
         }

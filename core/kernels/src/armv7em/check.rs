@@ -21,10 +21,18 @@ pub(super) fn check_row(row: &CheckRow<'_>, found: &mut [i16], confidences: &mut
         kernel::check_row(row, found, confidences);
         return;
     }
+    // First the indices of the matches, one by one, in place of the states.
+    let mut position = row.first;
+    for (&best, other) in row.best.iter().zip(&mut *found) {
+        let match_of = row.others.get(position.wrapping_add(best.into()) as usize);
+        *other = match_of
+            .map_or(u16::MAX, |&index| index as u16)
+            .cast_signed();
+        position = position.wrapping_sub(1);
+    }
     let tolerance = splat_u16(row.tolerance_px.into());
     let margin_min = splat_u16(row.margin.cast_unsigned());
     let invalid = splat_u16(INVALID.cast_unsigned());
-    let mut position = row.first;
     let (bests, best_rest) = row.best.as_chunks::<2>();
     let (refined, refined_rest) = row.refined_index_q4.as_chunks();
     let (margins, margins_rest) = row.margins.as_chunks();
@@ -33,15 +41,7 @@ pub(super) fn check_row(row: &CheckRow<'_>, found: &mut [i16], confidences: &mut
     let inputs = bests.iter().zip(refined).zip(margins);
     let outputs = found.iter_mut().zip(confidences);
     for (((&[a, b], refined), margins), (found, confidences)) in inputs.zip(outputs) {
-        let other = |place: u32| {
-            let other = row.others.get(place as usize);
-            other.map_or(u32::from(u16::MAX), |&other| other & 0xffff)
-        };
-        let (a, b) = (u32::from(a), u32::from(b));
-        let others =
-            other(position.wrapping_add(a)) | other(position.wrapping_add(b).wrapping_sub(1)) << 16;
-        position = position.wrapping_sub(2);
-        let bests = a | b << 16;
+        let (others, bests) = (pair_of(found), u32::from(b) << 16 | u32::from(a));
         let difference = sub_saturating_u16x2(others, bests) | sub_saturating_u16x2(bests, others);
         let agree = select_ge_u16x2(tolerance, difference, u32::MAX, 0);
         let margins = pair_of(margins);
@@ -52,6 +52,7 @@ pub(super) fn check_row(row: &CheckRow<'_>, found: &mut [i16], confidences: &mut
         let holding = clamped & are_clear & agree;
         *confidences = [holding as u8, (holding >> 16) as u8];
     }
+    let position = row.first.wrapping_sub(2 * bests.len() as u32);
     let rest = CheckRow {
         best: best_rest,
         refined_index_q4: refined_rest,

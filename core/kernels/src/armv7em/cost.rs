@@ -221,13 +221,29 @@ fn cost_pixels<
                 return;
             };
             let four = |row: usize| splat_u8(own.get(row * PIXELS).copied().unwrap_or(0));
+            // If all cells count, the cost per cell is a whole number.
+            let cell_cost = u32::from(cell_cost >> if TERMS == 1 { 8 } else { 0 });
+            // What is unrolled takes more flash.
+            if TERMS == 1 && BYTES < PART && !cfg!(feature = "compact") {
+                let weights = |level| {
+                    let mut words = weighing.words();
+                    weighing.set(&mut words, level, cell_cost, truncation);
+                    Weights::of(words)
+                };
+                cost_in_registers::<BYTES, POSITIONS, TILE>(
+                    four,
+                    tile,
+                    costs.as_flattened_mut(),
+                    weights,
+                    finish,
+                );
+                continue;
+            }
             for (pattern, row) in pixel.patterns.as_flattened_mut().iter_mut().zip(0..) {
                 *pattern = in_order(four(row));
             }
-            // If all cells count, the cost per cell is a whole number.
-            let cell_cost = cell_cost >> if TERMS == 1 { 8 } else { 0 };
             let level = four(BYTES * TERMS);
-            weighing.set(&mut pixel.weights, level, cell_cost.into(), truncation);
+            weighing.set(&mut pixel.weights, level, cell_cost, truncation);
             for (block, costs) in costs.iter_mut().enumerate() {
                 cost_block::<BYTES, TERMS, POSITIONS, TILE>(&pixel, tile, block, costs, finish);
             }
@@ -243,16 +259,44 @@ struct Pixel<const BYTES: usize, const TERMS: usize> {
     weights: [u32; 6],
 }
 
-impl<const BYTES: usize, const TERMS: usize> Pixel<BYTES, TERMS> {
-    /// Returns the unmasked cells of a byte that differ from those of four other patterns.
-    #[inline(always)]
-    fn differing(&self, byte: usize, others: u32) -> u32 {
-        match self.patterns[byte].as_slice() {
-            [input, mask] => (others ^ input) & mask,
-            [input] => others ^ input,
-            _ => 0,
-        }
+/// Writes the costs of a pixel whose pattern, without mask, fits registers. `four` returns a byte of the pattern, and
+/// after these the level, in all four bytes of a word; `weights` takes the level.
+///
+/// First come the counts of all disparities, in place of their costs: so few values are in use at a time that registers
+/// have room for them. There is no loop, which would take them from memory again.
+#[inline(always)]
+fn cost_in_registers<const BYTES: usize, const POSITIONS: usize, const TILE: usize>(
+    four: impl Fn(usize) -> u32,
+    tile: &[u8; TILE],
+    costs: &mut [u8],
+    weights: impl FnOnce(u32) -> Weights,
+    finish: impl Fn(u32, &Weights, [u32; 2], u32) -> u32 + Copy,
+) {
+    let quads = costs.as_chunks_mut().0;
+    macro_rules! each_quad {
+        ($body:ident: $($quad:literal)+) => {
+            $(if let Some(costs) = quads.get_mut($quad) {
+                $body!(costs, |row| in_order(load_at(tile, row * POSITIONS + 4 * $quad)));
+            })+
+        };
+        ($body:ident) => { each_quad!($body: 0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15); };
     }
+    let patterns: [[u32; 1]; BYTES] = core::array::from_fn(|row| [in_order(four(row))]);
+    let constants = Constants::new();
+    macro_rules! count {
+        ($costs:ident, $other:expr) => {
+            store(count_quad(constants, &patterns, $other), $costs)
+        };
+    }
+    each_quad!(count);
+    let weights = weights(four(BYTES));
+    macro_rules! finish {
+        ($costs:ident, $other:expr) => {
+            let levels = [BYTES, BYTES + 1].map($other);
+            store(in_order(finish(load($costs), &weights, levels, 0)), $costs);
+        };
+    }
+    each_quad!(finish);
 }
 
 /// Writes the costs of a block of disparities.
@@ -269,9 +313,12 @@ fn cost_block<const BYTES: usize, const TERMS: usize, const POSITIONS: usize, co
     let at = BLOCK * block;
     let own = afresh(pixel);
     let constants = Constants::new();
-    let count = |at| count_quad::<BYTES, TERMS, POSITIONS, TILE>(constants, own, tile, at);
+    let count = |at| {
+        let other = |byte| load_at(tile, byte * POSITIONS + at);
+        count_quad::<BYTES, TERMS>(constants, &own.patterns, other)
+    };
     let counts = [count(at), count(at + 4), count(at + 8), count(at + 12)];
-    let weights = Weights::load(&pixel.weights);
+    let weights = Weights::of(load_six(&pixel.weights));
     let [a, b, c, d] = costs.as_chunks_mut().0 else {
         return;
     };
@@ -293,16 +340,18 @@ fn cost_block<const BYTES: usize, const TERMS: usize, const POSITIONS: usize, co
     write(counts[3], at + 12, d);
 }
 
-/// Counts the differing cells of four disparities, of which the rows' bytes stand at `at`.
+/// Counts the differing cells of four disparities, whose bytes of the patterns `other` returns.
 #[inline(always)]
-fn count_quad<const BYTES: usize, const TERMS: usize, const POSITIONS: usize, const TILE: usize>(
+fn count_quad<const BYTES: usize, const TERMS: usize>(
     constants: Constants,
-    pixel: &Pixel<BYTES, TERMS>,
-    tile: &[u8; TILE],
-    at: usize,
+    patterns: &[[u32; TERMS]; BYTES],
+    other: impl Fn(usize) -> u32,
 ) -> u32 {
-    let other = |byte| load_at(tile, byte * POSITIONS + at);
-    let patterns: &[[u32; TERMS]] = &pixel.patterns;
+    let differing = |byte: usize| match (patterns[byte].as_slice(), other(byte)) {
+        ([input, mask], other) => (other ^ input) & mask,
+        ([input], other) => other ^ input,
+        _ => 0,
+    };
     let three = |first: usize| {
         let words = patterns.get(first..first + 3).map(<[_]>::as_flattened);
         let words = words.and_then(<[u32]>::first_chunk);
@@ -311,12 +360,12 @@ fn count_quad<const BYTES: usize, const TERMS: usize, const POSITIONS: usize, co
         {
             let [a, a_mask, b, b_mask, c, c_mask] = load_six(words);
             [
-                (a ^ other(first)) & a_mask,
-                (b ^ other(first + 1)) & b_mask,
-                (c ^ other(first + 2)) & c_mask,
+                in_order((a ^ other(first)) & a_mask),
+                in_order((b ^ other(first + 1)) & b_mask),
+                in_order((c ^ other(first + 2)) & c_mask),
             ]
         } else {
-            [0, 1, 2].map(|next| pixel.differing(first + next, other(first + next)))
+            [0, 1, 2].map(|next| differing(first + next))
         }
     };
     let two = |first: usize| {
@@ -326,12 +375,15 @@ fn count_quad<const BYTES: usize, const TERMS: usize, const POSITIONS: usize, co
             && let Some(words) = words
         {
             let [a, a_mask, b, b_mask] = load_four(words);
-            [(a ^ other(first)) & a_mask, (b ^ other(first + 1)) & b_mask]
+            [
+                in_order((a ^ other(first)) & a_mask),
+                in_order((b ^ other(first + 1)) & b_mask),
+            ]
         } else {
-            [0, 1].map(|next| pixel.differing(first + next, other(first + next)))
+            [0, 1].map(|next| differing(first + next))
         }
     };
-    let last = || pixel.differing(BYTES - 1, other(BYTES - 1));
+    let last = || differing(BYTES - 1);
     in_order(count::<BYTES>(constants, three, two, last))
 }
 
@@ -437,7 +489,7 @@ struct Weights {
 
 impl Weights {
     #[inline(always)]
-    fn load(words: &[u32; 6]) -> Self {
+    fn of(words: [u32; 6]) -> Self {
         let [
             level,
             cell_cost,
@@ -445,7 +497,7 @@ impl Weights {
             largest,
             difference_truncation,
             weight,
-        ] = load_six(words);
+        ] = words;
         Self {
             level,
             cell_cost,
@@ -461,7 +513,8 @@ impl Weights {
     #[inline(always)]
     fn missing(&self, counts: [u32; 2]) -> u32 {
         // Each product is less than 2^16, also after rounding.
-        let [even, odd] = counts.map(|counts| counts * self.cell_cost + splat_u16(128));
+        let half = opaque(splat_u16(128));
+        let [even, odd] = counts.map(|counts| counts * self.cell_cost + half);
         let cells = add_odd_bytes(odd & 0xff00_ff00, even);
         sub_saturating_u8x4(self.truncation, cells)
     }

@@ -3,8 +3,8 @@
 use vgstereo_core::kernel::{RIVAL_BLOCK_PX, RIVAL_STEP_PX, RivalsRow};
 
 use super::simd::{
-    add_even_bytes, add_odd_bytes, even_bytes, load, meet_all, min_u16x2, odd_bytes, splat_u16,
-    sub_saturating_u16x2,
+    add_even_bytes, add_odd_bytes, even_bytes, in_order, load, meet_all, min_u16x2, odd_bytes,
+    splat_u16, sub_saturating_u16x2,
 };
 
 /// Sums of four disparities: the first and the third, and the others.
@@ -12,9 +12,6 @@ type Sums = [u32; 2];
 
 /// Costs of a pixel, of four disparities each.
 type Costs<'a> = &'a [[u8; 4]];
-
-/// Pixels of a block that enter its window, where it is not at an end of the row.
-const SAMPLES: usize = RIVAL_BLOCK_PX / RIVAL_STEP_PX;
 
 /// A sum that is above all.
 const NO_SUM: u16 = 1 << 15;
@@ -27,25 +24,36 @@ pub(super) fn rivals_row(row: &RivalsRow<'_>, sums: &mut [u32], rivals: &mut [u8
     let mut window = 0..0;
     for (block, rival) in rivals.iter_mut().enumerate() {
         let next = row.window(block);
-        let entering = (window.end..next.end).step_by(RIVAL_STEP_PX);
-        let leaving = (window.start..next.start).step_by(RIVAL_STEP_PX);
-        let least = if entering.len() == SAMPLES && leaving.len() == SAMPLES {
-            let two = |first| [row.costs_of(first), row.costs_of(first + RIVAL_STEP_PX)];
-            replace(sums, two(window.end), two(window.start))
+        let is_moved = |before: usize, after: usize| after - before == RIVAL_BLOCK_PX;
+        let is_inside = is_moved(window.start, next.start) && is_moved(window.end, next.end);
+        let moved = || Some((two(row, window.end)?, two(row, window.start)?));
+        let least = if let (true, Some((entering, leaving))) = (is_inside, moved()) {
+            replace(sums, entering, leaving)
         } else {
-            for x in entering {
+            for x in (window.end..next.end).step_by(RIVAL_STEP_PX) {
                 change(sums, row.costs_of(x), u32::wrapping_add);
             }
-            for x in leaving {
+            for x in (window.start..next.start).step_by(RIVAL_STEP_PX) {
                 change(sums, row.costs_of(x), u32::wrapping_sub);
             }
             meet_all(sums.as_flattened(), min_u16x2)
         };
         let least = (least & 0xffff).min(least >> 16);
-        let samples = next.clone().step_by(RIVAL_STEP_PX).len();
+        let samples = next.len().div_ceil(RIVAL_STEP_PX);
         *rival = u8::from(has_rival(sums, row.bounds(least, samples)));
         window = next;
     }
+}
+
+/// The costs of the pixels of a block that enter a window, or leave it, of which the first is `first`.
+#[inline(always)]
+fn two<'a>(row: &RivalsRow<'a>, first: usize) -> Option<[Costs<'a>; 2]> {
+    const { assert!(RIVAL_BLOCK_PX == 2 * RIVAL_STEP_PX) };
+    let second = RIVAL_STEP_PX * row.stride;
+    let costs = row.costs.get(first * row.stride..)?;
+    let costs = costs.get(..second + row.disparities)?;
+    let costs = [costs.get(..row.disparities)?, costs.get(second..)?];
+    Some(costs.map(|costs| costs.as_chunks().0))
 }
 
 /// Adds the costs of a pixel to the sums, or subtracts them.
@@ -63,12 +71,17 @@ fn replace(sums: &mut [Sums], [a, b]: [Costs<'_>; 2], [c, d]: [Costs<'_>; 2]) ->
     let mut least = splat_u16(NO_SUM);
     let costs = a.iter().zip(b).zip(c.iter().zip(d));
     for (sums, ((a, b), (c, d))) in sums.iter_mut().zip(costs) {
-        let [a, b, c, d] = [a, b, c, d].map(load);
+        // One after the other, because there are few registers.
         let [mut even, mut odd] = *sums;
+        for entering in [a, b] {
+            let costs = in_order(load(entering));
+            even = in_order(add_even_bytes(even, costs));
+            odd = in_order(add_odd_bytes(odd, costs));
+        }
         // The costs that leave were added before.
-        even = add_even_bytes(add_even_bytes(even, a), b)
-            .wrapping_sub(add_even_bytes(even_bytes(c), d));
-        odd = add_odd_bytes(add_odd_bytes(odd, a), b).wrapping_sub(add_odd_bytes(odd_bytes(c), d));
+        let (c, d) = (in_order(load(c)), in_order(load(d)));
+        even = in_order(even.wrapping_sub(add_even_bytes(even_bytes(c), d)));
+        odd = in_order(odd.wrapping_sub(add_odd_bytes(odd_bytes(c), d)));
         *sums = [even, odd];
         least = min_u16x2(min_u16x2(least, even), odd);
     }
