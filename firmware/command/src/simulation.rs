@@ -38,8 +38,8 @@ const LONGEST_EACH: u64 = 2000;
 pub struct Scenario {
     /// Faults, `FRAME:LINE:KIND`, of the kinds of `sim/sensors.h`.
     pub faults: Vec<String>,
-    /// Whether the sensors do not wait for room.
-    pub is_free_running: bool,
+    /// Clocks of PCLK between two frames of sensors that do not wait for room; `None` for those that wait.
+    pub free_running_gap: Option<u32>,
     /// When the left and the right sensor get their power, µs after the reset.
     pub powered_us: [u64; 2],
     /// Until when SDA of the left and of the right sensor is held low, likewise.
@@ -271,8 +271,8 @@ pub fn run(
             command.args([option, &format!("{side}:{us}")]);
         }
     }
-    if scenario.is_free_running {
-        command.arg("--free-running");
+    if let Some(clocks) = scenario.free_running_gap {
+        command.args(["--free-running", &clocks.to_string()]);
     }
     let child = command
         .stdin(Stdio::piped())

@@ -19,8 +19,8 @@ const SKEWED: u32 = 1 << 3;
 const RELEASE: u32 = 1 << 0;
 const RESTART: u32 = 1 << 1;
 
-/// The longest wait for a pair, µs: longer than the gap between two frames.
-const LONGEST_WAIT_US: u32 = 200_000;
+/// The longest wait for a pair, µs: about the time of three frames.
+const LONGEST_WAIT_US: u32 = 100_000;
 
 /// Cycles in which a sensor sends a pixel at the least: two bytes, at half the system's clock. Lines that belong together
 /// end within half a line.
@@ -93,18 +93,16 @@ impl<'s, 'm> Dvp<'s, 'm> {
         })
     }
 
-    /// Waits for a pair, or for what the port has to tell, and returns its status.
-    fn wait(&self) -> Option<u32> {
-        let begun_us = span_us();
-        loop {
+    /// Waits for a pair, or for what the port has to tell, and returns its status; `None` if the wait that has begun at
+    /// this time ends without.
+    fn wait(&self, begun_us: u32) -> Option<u32> {
+        while span_us().wrapping_sub(begun_us) <= LONGEST_WAIT_US {
             let status = CAMERA_STATUS.read();
             if status & (READY | WITHOUT_PARTNER) != 0 {
                 return Some(status);
             }
-            if span_us().wrapping_sub(begun_us) > LONGEST_WAIT_US {
-                return None;
-            }
         }
+        None
     }
 
     /// Begins anew after an error that may come of a sensor that is not set up any more.
@@ -165,8 +163,9 @@ impl LinePairSource for Dvp<'_, '_> {
         if self.sensors.make_ready()? {
             self.restart();
         }
+        let begun_us = span_us();
         loop {
-            let Some(status) = self.wait() else {
+            let Some(status) = self.wait(begun_us) else {
                 return Err(self.lost(ErrorKind::Timeout));
             };
             if status & WITHOUT_PARTNER != 0 {
@@ -176,6 +175,17 @@ impl LinePairSource for Dvp<'_, '_> {
             if let Some(kind) = self.fault(status, place) {
                 self.is_told = true;
                 return Err(kind);
+            }
+            if place.line >= height {
+                // No line, or those of a frame of which neither sensor has told the beginning: the first is told, and
+                // none is of use.
+                CAMERA_CONTROL.write(RELEASE);
+                self.last = Some(place);
+                self.is_told = false;
+                if place.line == height {
+                    return Err(ErrorKind::SyncLost);
+                }
+                continue;
             }
             let pixels = CAMERA_PIXELS.read();
             let (left_pixels, right_pixels) = (pixels & 0xffff, pixels >> 16);
@@ -192,11 +202,6 @@ impl LinePairSource for Dvp<'_, '_> {
             if is_short {
                 CAMERA_CONTROL.write(RELEASE);
                 return Err(ErrorKind::ShortLine);
-            }
-            if place.line >= height {
-                // Lines below the frame are of no use.
-                CAMERA_CONTROL.write(RELEASE);
-                continue;
             }
             LineBytes::Left.copy(left);
             LineBytes::Right.copy(right);
