@@ -91,11 +91,16 @@ enum Needs {
 /// Tests of each board in RTL, with its stereo unit, without, and with another processor. Those that run it are ignored
 /// without the unit, as what is at the pins is the same. With another processor, of whose firmware all has to be built, all
 /// are.
-const SIMULATION_TESTS: [(&str, BoardTest, Needs); 7] = [
+const SIMULATION_TESTS: [(&str, BoardTest, Needs); 8] = [
     ("panics", no_panic_in_the_pipeline, Needs::Firmware),
     ("memory", within_its_block_ram, Needs::Firmware),
     ("pins", pins::exact_under_faults, Needs::Simulation),
     ("all_pins", pins::exact_under_all_faults, Needs::Minutes),
+    (
+        "watchdog",
+        pins::restarts_when_the_sensors_hang,
+        Needs::Minutes,
+    ),
     (
         "free_running",
         pins::exact_when_frames_come_too_fast,

@@ -52,6 +52,7 @@ struct Fault {
     LATE_LINE,     // the line comes a line's time late
     BURST,         // from here to the end of the frame the sensors do not wait for room
     STOPPED_CLOCK, // PCLK stops before the line, or in the gap, for 150 ms
+    HUNG_CLOCK,    // PCLK stops before the line, until the sensor is reset
     LOST_POWER     // before the line; the sensor forgets its registers, and sends nothing until it is set up
   };
   uint32_t frame = 0, line = 0;
@@ -68,7 +69,7 @@ struct Fault {
         {"extra-line", EXTRA_LINE},     {"joined-lines", JOINED_LINES}, {"early-frame", EARLY_FRAME},
         {"false-frame", FALSE_FRAME},   {"cut-line", CUT_LINE},         {"lost-frame", LOST_FRAME},
         {"late-line", LATE_LINE},       {"burst", BURST},               {"stopped-clock", STOPPED_CLOCK},
-        {"lost-power", LOST_POWER}};
+        {"hung-clock", HUNG_CLOCK},     {"lost-power", LOST_POWER}};
     const std::string problem = text + ": a fault is FRAME:LINE:KIND";
     Fault fault;
     char name[32] = "";
@@ -137,7 +138,7 @@ class Sensor {
   void begin_at(uint32_t frame) {
     script_.clear();
     at_ = 0;
-    has_begun_early_ = false;
+    hangs_ = has_begun_early_ = false;
     place_ = {frame, -1};
     // A line that was under way is no line.
     pins_.vsync = pins_.href = false;
@@ -148,6 +149,7 @@ class Sensor {
   // Half a cycle of the system's clock.
   void step() {
     if (++phase_ % PCLK_HALF) return;
+    if (hangs_) return;
     if (stopped_ > 0) {
       stopped_--;
       return;
@@ -226,6 +228,7 @@ class Sensor {
           add(LINE_BLANK, false);
           add_frame_line(line);
           break;
+        case Fault::HUNG_CLOCK: hangs_ = true; return;
         case Fault::LOST_POWER:
           registers_.set_power(false);
           registers_.set_power(true);
@@ -293,7 +296,7 @@ class Sensor {
   std::vector<Step> script_;
   size_t at_ = 0;
   uint64_t stopped_ = 0;
-  bool has_begun_early_ = false;
+  bool has_begun_early_ = false, hangs_ = false;
   uint32_t lines_ = 0, frames_ = 0;
   SensorRegisters registers_;
 };

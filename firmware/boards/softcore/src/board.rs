@@ -67,6 +67,11 @@ pub(crate) fn run(kernels: impl BoardKernels) -> ! {
     let meter = Meter::new(Cycles);
     let sender = Sender::new(SerialPort::new(), packet, &meter);
     let mut watchdog = Timer::start();
+    let restarts = Timer::restarts();
+    if restarts > 0 {
+        // The line is long enough.
+        let _ = writeln!(sender.text(), "restarted by the watchdog: {restarts}");
+    }
     let written = match serve(kernels, &sender, &mut watchdog, &meter, memory) {
         Ok(report) => {
             let stack_bytes = stack.worst_bytes() as u32;
