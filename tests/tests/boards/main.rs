@@ -89,8 +89,8 @@ enum Needs {
 }
 
 /// Tests of each board in RTL, with its stereo unit, without, and with another processor. Those that run it are ignored
-/// without the unit, as what is at the pins is the same. With another processor, of whose firmware all has to be built, all
-/// are.
+/// without the unit, as what is at the pins is the same. With another processor or preset, of whose firmware all has to be
+/// built, all are.
 const SIMULATION_TESTS: [(&str, BoardTest, Needs); 8] = [
     ("panics", no_panic_in_the_pipeline, Needs::Firmware),
     ("memory", within_its_block_ram, Needs::Firmware),
@@ -180,16 +180,19 @@ fn main() {
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }
 
-/// A board in RTL with its stereo unit, without, and without and with another processor: what comes after the name of the
-/// program in the names of its tests, and whether it is built and run without being asked for.
-fn simulated_variants(board: Board) -> [(Board, &'static str, bool, bool); 3] {
+/// A board in RTL with its stereo unit, without, and without and with another preset or another processor: what comes after
+/// the name of the program in the names of its tests, and whether it is built and run without being asked for.
+fn simulated_variants(board: Board) -> Vec<(Board, &'static str, bool, bool)> {
     let plain = board.with_unit(0);
     let other = plain.with_processor(Processor::Cv32e40p);
-    [
+    let micro = plain.alone(Preset::Micro).ok();
+    let mut variants = vec![
         (board, "", true, true),
         (plain, "", true, false),
         (other, "-cv32e40p", false, false),
-    ]
+    ];
+    variants.extend(micro.map(|micro| (micro, "-micro", false, false)));
+    variants
 }
 
 /// The built-in scene, with more lines than all stages together look ahead.
@@ -448,9 +451,11 @@ fn within_its_block_ram(board: &Board) -> Result<(), Failed> {
         let bytes = statics_bytes + deepest_bytes;
         assert!(bytes <= RAM_BYTES, "{bytes} bytes");
     }
-    // The lines for which its ports have room.
-    let pair = Pair::rendered(160, 120, 32);
-    let request = pair.request(Preset::Lite, 1, &[]).map_err(text)?;
+    // The lines for which its ports have room, raw.
+    let preset = board.simulation.ok_or("the board is simulated")?.preset;
+    let pair = Pair::crooked(160, 120, 32, true).map_err(text)?;
+    let request = pair.request(preset, 1, &[]).map_err(text)?;
+    println!("{preset}: {} bytes", request.working_bytes());
     assert!(request.working_bytes() <= sizes.lent_bytes);
     Ok(())
 }

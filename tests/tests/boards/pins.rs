@@ -9,7 +9,6 @@ use vgstereo_boards::build::build;
 use vgstereo_boards::host::{self, Frames};
 use vgstereo_boards::pair::Pair;
 use vgstereo_boards::simulation::{self, Ran, Scenario};
-use vgstereo_core::Preset;
 use vgstereo_firmware::Statistics;
 
 use crate::text;
@@ -304,11 +303,12 @@ fn run_simulated(
         simulation::build(board).map_err(text)?,
         build(board).map_err(text)?,
     );
-    let request = pair.request(Preset::Lite, frames, &[]).map_err(text)?;
+    let preset = board.simulation.ok_or("the board is simulated")?.preset;
+    let request = pair.request(preset, frames, &[]).map_err(text)?;
     let ran = simulation::run(board, &program, &firmware, pair, &request, scenario);
     let ran = ran.map_err(text)?;
     println!("{} cycles\n{}", ran.cycles, ran.report);
-    let one = pair.request(Preset::Lite, 1, &[]).map_err(text)?;
+    let one = pair.request(preset, 1, &[]).map_err(text)?;
     let (expected, _) = host::run(pair, &one).map_err(text)?;
     for frame in ran.sent.iter().filter(|frame| frame.is_whole) {
         let sent = Frames {

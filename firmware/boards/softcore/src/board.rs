@@ -6,7 +6,7 @@
 
 use core::fmt::Write;
 
-use vgstereo_core::{Config, Kernels, Matcher, Preset};
+use vgstereo_core::{Config, Kernels, Matcher, Only, Preset, Scope, Scoped, presets};
 use vgstereo_emulated::meter::{Meter, Metered};
 use vgstereo_emulated::request::Refusal;
 use vgstereo_emulated::stack::Stack;
@@ -23,7 +23,25 @@ use crate::sink::{PACKET_BYTES, Sender};
 use crate::uart::SerialPort;
 
 /// The preset that this firmware is for: there is no room for all of them.
-const PRESET: Preset = Preset::Lite;
+const PRESET: Preset = if cfg!(feature = "micro") {
+    Preset::Micro
+} else {
+    Preset::Lite
+};
+
+/// What this firmware is for: [`PRESET`] with lines of grey. The code for all else is left out.
+#[derive(Clone, Copy)]
+struct Built;
+
+impl Scoped for Built {
+    const SCOPE: Scope = Scope {
+        colour: false,
+        ..match PRESET {
+            Preset::Micro => presets::Micro::SCOPE,
+            _ => presets::Lite::SCOPE,
+        }
+    };
+}
 
 /// Bytes of memory lent to session and matcher.
 const LENT_BYTES: usize = 50 * 1024;
@@ -117,13 +135,13 @@ fn serve(
         .split_at_mut_checked(words)
         .ok_or(Refusal("the calibration does not fit the lent memory"))?;
     if request.preset != PRESET || request.hamming_alone {
-        return Err(Refusal("this board is built for lite alone"));
+        return Err(Refusal("this board is built for another preset"));
     }
     let disparities = request.disparities.count.into();
     if !kernels.fit(request.width().into(), disparities) {
         return Err(Refusal("the stereo unit has no room for such rows"));
     }
-    let kernels = Metered::new(kernels, meter);
+    let kernels = Metered::new(Only::<_, Built>::new(kernels), meter);
     let camera = Metered::new(camera, meter);
     let matcher = matcher(&request, kernels, memory)?;
     let mut rectifier = rectifier::rectifier(&request, calibration, kernels, read_calibration)?;
@@ -151,7 +169,6 @@ fn matcher<'m, K: Kernels>(
     kernels: K,
     memory: &'m mut [u32],
 ) -> Result<Matcher<'m, K>, Refusal> {
-    // Of the preset that is known here: the code of others is left out.
     let config = Config {
         colour: false,
         ..Config::new(PRESET.parameters(), request.width(), request.disparities)

@@ -17,5 +17,5 @@ use riscv_rt::entry;
 
 #[entry]
 fn main() -> ! {
-    board::run(kernels::LiteKernels)
+    board::run(kernels::PlainKernels)
 }

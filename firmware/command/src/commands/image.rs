@@ -5,14 +5,13 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use clap::Args;
-use vgstereo_core::Preset;
 
 use super::images::Calibration;
-use super::selection::Selection;
+use super::selection::{Alone, Selection};
 use crate::board::Board;
 use crate::build::build;
 use crate::pair::Pair;
-use crate::simulation;
+use crate::simulation::write_images;
 use crate::toolchain::ensure_complete;
 
 /// Columns, lines and disparities of the frames.
@@ -30,6 +29,8 @@ pub struct Image {
     #[command(flatten)]
     calibration: Calibration,
     #[command(flatten)]
+    alone: Alone,
+    #[command(flatten)]
     selection: Selection,
 }
 
@@ -40,19 +41,22 @@ impl Image {
     /// Fails with one line that says what is missing, does not build or cannot be written, or that the board has no
     /// such memories.
     pub fn run(self) -> Result<String> {
-        let mut boards = self.selection.boards().into_iter();
-        let board = boards.find(|board: &Board| board.simulation.is_some());
-        let board = board.context("the board's memories are not those of an FPGA")?;
+        let boards = self.alone.of(self.selection.boards())?;
+        let simulated = boards
+            .into_iter()
+            .find_map(|board: Board| Some((board, board.simulation?)));
+        let (board, simulation) =
+            simulated.context("the board's memories are not those of an FPGA")?;
         ensure_complete(&[board])?;
         let (width, height, disparities) = FRAME;
         let calibrated = self.calibration.pair(Some((width, height)), disparities)?;
         let pair = calibrated.unwrap_or_else(|| Pair::rendered(width, height, disparities));
-        let request = pair.request(Preset::Lite, self.frames, &[])?;
+        let request = pair.request(simulation.preset, self.frames, &[])?;
         fs::create_dir_all(&self.out)
             .with_context(|| format!("cannot write {}", self.out.display()))?;
         let rectification = pair.rectification.as_deref();
         let firmware = build(&board)?;
-        simulation::write_images(&board, &firmware, &request, rectification, &self.out)?;
+        write_images(&board, &firmware, &request, rectification, &self.out)?;
         Ok(format!("{}\n", self.out.display()))
     }
 }

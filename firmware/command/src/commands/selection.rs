@@ -10,7 +10,8 @@ use crate::toolchain::{ModelCompiler, Simulator};
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Alone {
     /// Build for this preset alone, lite or micro, in less flash: for lines of grey that are rectified, and 48
-    /// disparities. Of the boards, stm32f405 and mps2-an500 can be.
+    /// disparities. Of the boards, stm32f405 and mps2-an500 can be. The firmware of softcore is for one preset in any case:
+    /// lite, or without the stereo unit micro.
     #[arg(long, value_name = "P")]
     preset: Option<Preset>,
 }
