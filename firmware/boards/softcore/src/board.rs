@@ -1,22 +1,27 @@
 //! The board: two camera ports, a matcher, and a host at the serial port.
 //!
-//! The host writes a [`Request`] for some frames into the image that the block RAM is loaded with ([`REQUEST`]), and the
-//! rectification of the sensors' lines, if they are to be rectified ([`CALIBRATION`]). The board sends the frames, and at
-//! their end the counters of the session and the cycles of each stage.
+//! The host writes a [`Request`] into the image that the block RAM is loaded with ([`REQUEST`]), and the rectification of the
+//! sensors' lines, if they are to be rectified ([`CALIBRATION`]). If the request is for the link, the board sends frames for ever
+//! and takes commands, a calibration among them. Otherwise it sends some frames, and at their end the counters of the session
+//! and the cycles of each stage.
 
+use core::convert::Infallible;
 use core::fmt::Write;
 
 use vgstereo_core::{Config, Kernels, Matcher, Only, Preset, Scope, Scoped, presets};
+use vgstereo_emulated::live::{self, Device};
+use vgstereo_emulated::memories::Memories;
 use vgstereo_emulated::meter::{Meter, Metered};
 use vgstereo_emulated::request::Refusal;
+use vgstereo_emulated::serial::SerialPort as LinkPort;
 use vgstereo_emulated::stack::Stack;
 use vgstereo_emulated::task::Task;
 use vgstereo_emulated::{Report, Request, rectifier};
-use vgstereo_firmware::session;
 use vgstereo_firmware::{Session, Watchdog};
 
 use crate::camera::Dvp;
-use crate::clock::{Cycles, Timer};
+use crate::clock::{Cycles, Timer, now_us};
+use crate::news::{Log, News, Pending};
 use crate::processor;
 use crate::registers::LEDS;
 use crate::sink::{PACKET_BYTES, Sender};
@@ -73,7 +78,7 @@ pub(crate) trait BoardKernels: Kernels {
     fn fit(&self, width: usize, disparities: usize) -> bool;
 }
 
-/// Serves the request with these kernels, and then waits for ever.
+/// Serves the request with these kernels: for ever, or for some frames, and then waits for ever.
 pub(crate) fn run(kernels: impl BoardKernels) -> ! {
     // SAFETY: it runs on the main stack, there is no heap, and no interrupt is enabled.
     let stack = unsafe { Stack::paint_main() };
@@ -85,11 +90,6 @@ pub(crate) fn run(kernels: impl BoardKernels) -> ! {
     let meter = Meter::new(Cycles);
     let sender = Sender::new(SerialPort::new(), packet, &meter);
     let mut watchdog = Timer::start();
-    let restarts = Timer::restarts();
-    if restarts > 0 {
-        // The line is long enough.
-        let _ = writeln!(sender.text(), "restarted by the watchdog: {restarts}");
-    }
     let written = match serve(kernels, &sender, &mut watchdog, &meter, memory) {
         Ok(report) => {
             let stack_bytes = stack.worst_bytes() as u32;
@@ -109,8 +109,7 @@ pub(crate) fn run(kernels: impl BoardKernels) -> ! {
     }
 }
 
-/// Matches the frames of the request. Not inlined, so that what is only there before frames are matched
-/// does not take stack then.
+/// Serves the request. Not inlined, so that what is only there before frames are matched does not take stack then.
 #[inline(never)]
 fn serve(
     kernels: impl BoardKernels,
@@ -120,20 +119,9 @@ fn serve(
     memory: &'static mut [u32],
 ) -> Result<Report, Refusal> {
     let request = read_request().ok_or(Refusal("the image has no request"))?;
-    if request.is_live || request.scan.is_some() {
-        return Err(Refusal("this board has neither link nor scan"));
+    if request.scan.is_some() {
+        return Err(Refusal("this board makes no scan"));
     }
-    let camera = Dvp::start(request.geometry, sender);
-    let camera = camera.ok_or(Refusal(
-        "the camera's lines are not of this format or length",
-    ))?;
-    let (lines, memory) = memory
-        .split_at_mut_checked(session::memory_words(&request.geometry))
-        .ok_or(Refusal("the lines do not fit the lent memory"))?;
-    let words = request.calibration_words().iter().sum();
-    let (calibration, memory) = memory
-        .split_at_mut_checked(words)
-        .ok_or(Refusal("the calibration does not fit the lent memory"))?;
     if request.preset != PRESET || request.hamming_alone {
         return Err(Refusal("this board is built for another preset"));
     }
@@ -141,12 +129,55 @@ fn serve(
     if !kernels.fit(request.width().into(), disparities) {
         return Err(Refusal("the stereo unit has no room for such rows"));
     }
+    let memories = Memories::new(&request, memory)?;
     let kernels = Metered::new(Only::<_, Built>::new(kernels), meter);
-    let camera = Metered::new(camera, meter);
-    let matcher = matcher(&request, kernels, memory)?;
-    let mut rectifier = rectifier::rectifier(&request, calibration, kernels, read_calibration)?;
+    if request.is_live {
+        let live = with_link(&request, kernels, watchdog, memories);
+        return live.map(|never| match never {});
+    }
+    some_frames(&request, kernels, sender, watchdog, meter, memories)
+}
+
+/// Serves the host, whose commands are carried out, for ever.
+#[inline(never)]
+fn with_link<K: Kernels>(
+    request: &Request,
+    kernels: K,
+    watchdog: &mut Timer,
+    memories: Memories,
+) -> Result<Infallible, Refusal> {
+    let pending = Pending::default();
+    tell_restarts(&pending);
+    let mut camera = camera(request, &pending)?;
+    let device = Device {
+        name: env!("CARGO_PKG_NAME"),
+        kernels,
+        matcher,
+        read_calibration,
+        port: LinkPort::new(SerialPort::new()),
+        watchdog,
+        clock: now_us,
+    };
+    live::serve(request, device, &mut camera, memories, || pending.take())
+}
+
+/// Matches the frames of the request.
+#[inline(never)]
+fn some_frames<K: Kernels>(
+    request: &Request,
+    kernels: K,
+    sender: &Sender<'_>,
+    watchdog: &mut Timer,
+    meter: &Meter<Cycles>,
+    memories: Memories,
+) -> Result<Report, Refusal> {
+    tell_restarts(sender);
+    let camera = Metered::new(camera(request, sender)?, meter);
+    let matcher = matcher(request, kernels, memories.matcher)?;
+    let mut rectifier =
+        rectifier::rectifier(request, memories.calibration, kernels, read_calibration)?;
     let rectifier = rectifier.as_mut();
-    let session = Session::rectifying(camera, rectifier, matcher, sender, lines, watchdog);
+    let session = Session::rectifying(camera, rectifier, matcher, sender, memories.lines, watchdog);
     let mut session = session.map_err(|_| Refusal("the session refuses the camera"))?;
     let task = Task {
         frames: request.frames,
@@ -160,6 +191,22 @@ fn serve(
         working_bytes: request.working_bytes() as u32,
         stack_bytes: 0,
     })
+}
+
+/// Tells that the watchdog has restarted the board, if it has.
+fn tell_restarts(log: &dyn Log) {
+    let restarts = Timer::restarts();
+    if restarts > 0 {
+        log.tell(News::Restarted(restarts));
+    }
+}
+
+/// The sensors at the ports.
+fn camera<'l>(request: &Request, log: &'l dyn Log) -> Result<Dvp<'l>, Refusal> {
+    let camera = Dvp::start(request.geometry, log);
+    camera.ok_or(Refusal(
+        "the camera's lines are not of this format or length",
+    ))
 }
 
 /// Builds the matcher. Not inlined, so that its stack is free again while frames are matched.

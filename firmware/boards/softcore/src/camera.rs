@@ -3,12 +3,12 @@
 use vgstereo_firmware::camera::{ErrorKind, ErrorType, Geometry, LinePair, LinePairSource};
 
 use crate::clock::{CLOCK_MHZ, now_us, span_us};
+use crate::news::Log;
 use crate::registers::{
     CAMERA_CONTROL, CAMERA_CYCLES, CAMERA_ENDED, CAMERA_LEVEL, CAMERA_LIMIT, CAMERA_PIXELS,
     CAMERA_PLACE, CAMERA_ROOM, CAMERA_STATUS, LineBytes,
 };
 use crate::sensors::Sensors;
-use crate::sink::Sender;
 
 // Bits of the status.
 const READY: u32 = 1 << 0;
@@ -59,8 +59,8 @@ fn ended_us() -> u64 {
 ///
 /// Sensors that are not set up are, before a pair is read: at the start, and when no pair came or the step was lost, and
 /// they do not say that they still are.
-pub(crate) struct Dvp<'s, 'm> {
-    sensors: Sensors<'s, 'm>,
+pub(crate) struct Dvp<'l> {
+    sensors: Sensors<'l>,
     geometry: Geometry,
     /// The number of the frame that came last; the port's has 16 bits.
     frame: u32,
@@ -72,10 +72,10 @@ pub(crate) struct Dvp<'s, 'm> {
     delivered: Option<Place>,
 }
 
-impl<'s, 'm> Dvp<'s, 'm> {
+impl<'l> Dvp<'l> {
     /// The ports, for lines of grey pixels. None if the lines are longer than the port's, or no window of the sensors
     /// has this size.
-    pub(crate) fn start(geometry: Geometry, sender: &'s Sender<'m>) -> Option<Self> {
+    pub(crate) fn start(geometry: Geometry, log: &'l dyn Log) -> Option<Self> {
         let room = CAMERA_ROOM.read();
         let (lines, line_bytes) = (room >> 16, room & 0xffff);
         if geometry.line_bytes() > line_bytes as usize || !geometry.format.is_grey() {
@@ -84,7 +84,7 @@ impl<'s, 'm> Dvp<'s, 'm> {
         CAMERA_LEVEL.write(lines.saturating_sub(geometry.height));
         CAMERA_LIMIT.write(u32::from(geometry.width) / 2 * LEAST_PIXEL_CYCLES);
         Some(Self {
-            sensors: Sensors::new(&geometry, sender)?,
+            sensors: Sensors::new(&geometry, log)?,
             geometry,
             frame: u32::MAX,
             is_told: false,
@@ -144,11 +144,11 @@ impl<'s, 'm> Dvp<'s, 'm> {
     }
 }
 
-impl ErrorType for Dvp<'_, '_> {
+impl ErrorType for Dvp<'_> {
     type Error = ErrorKind;
 }
 
-impl LinePairSource for Dvp<'_, '_> {
+impl LinePairSource for Dvp<'_> {
     fn geometry(&self) -> Geometry {
         self.geometry
     }

@@ -7,6 +7,7 @@ mod camera;
 mod clock;
 mod i2c;
 mod kernels;
+mod news;
 mod processor;
 mod registers;
 mod sensors;

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use clap::Args;
+use vgstereo_emulated::Request;
 
 use super::images::Calibration;
 use super::selection::{Alone, Selection};
@@ -23,9 +24,10 @@ pub struct Image {
     /// Folder for code.hex and data.hex, a line for each word.
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
-    /// Whole frames of 160x120 px and 32 disparities to match; as good as for ever without this option.
-    #[arg(long, value_name = "N", default_value_t = u32::MAX, hide_default_value = true)]
-    frames: u32,
+    /// Whole frames of 160x120 px and 32 disparities to match. Without this option the board sends frames for ever and
+    /// takes the commands of the link.
+    #[arg(long, value_name = "N")]
+    frames: Option<u32>,
     #[command(flatten)]
     calibration: Calibration,
     #[command(flatten)]
@@ -51,7 +53,13 @@ impl Image {
         let (width, height, disparities) = FRAME;
         let calibrated = self.calibration.pair(Some((width, height)), disparities)?;
         let pair = calibrated.unwrap_or_else(|| Pair::rendered(width, height, disparities));
-        let request = pair.request(simulation.preset, self.frames, &[])?;
+        let request = match self.frames {
+            Some(frames) => pair.request(simulation.preset, frames, &[])?,
+            None => Request {
+                camera: None,
+                ..pair.live_request(simulation.preset, &[])?
+            },
+        };
         fs::create_dir_all(&self.out)
             .with_context(|| format!("cannot write {}", self.out.display()))?;
         let rectification = pair.rectification.as_deref();

@@ -177,7 +177,7 @@ pub fn parse_counted_board(name: &str) -> Result<Board, String> {
 /// Fails with one line when no board has the name or when it does not serve the link here.
 pub fn parse_live_board(name: &str) -> Result<Board, String> {
     let board = parse_board(name)?;
-    if board.model.is_none() {
+    if board.model.is_none() && board.simulation.is_none() {
         board.emulation().map_err(|error| error.to_string())?;
     }
     Ok(board)
