@@ -1,8 +1,8 @@
-//! Emulated boards that serve the link over their serial ports, each with one run: what they send is what
-//! the host computes, they do what the host asks, hosts come and go, and damage is counted and passes.
+//! Emulated boards, and the board in RTL, that serve the link over their serial ports, each with one run: what they send is
+//! what the host computes, they do what the host asks, hosts come and go, and damage is counted and passes.
 //!
 //! A board is tested if its compiler and emulator are installed (`cargo firmware setup`); otherwise its
-//! test is listed as ignored. So are those of the model of a chip and of a board that differs from another in compiler
+//! test is listed as ignored. So are those of the board in RTL, of the model of a chip, and of a board that differs from another in compiler
 //! flags alone: `-- --include-ignored` runs them as well.
 
 use std::io::{Read, Write};
@@ -19,13 +19,15 @@ use vgstereo_boards::host::{self, Frames};
 use vgstereo_boards::live::{Link, LiveBoard};
 use vgstereo_boards::model;
 use vgstereo_boards::pair::Pair;
+use vgstereo_boards::simulation::{self, Scenario};
 use vgstereo_boards::toolchain;
-use vgstereo_core::Preset;
 use vgstereo_core::geometry::Rectification;
+use vgstereo_core::{INVALID, Preset};
 use vgstereo_link::board::Outcome;
 use vgstereo_link::host::CalibrationPiece;
 use vgstereo_link::{
-    BoardMessage, Counters, Decoder, Encoder, HostMessage, PixelFormat, Region, Selection, Streams,
+    BoardMessage, Counters, Decoder, Encoder, HostMessage, Parameters, PixelFormat, Region,
+    Selection, Streams,
 };
 use vgstereo_sim::link::attended::Attended;
 use vgstereo_sim::link::client::Memory;
@@ -65,8 +67,13 @@ fn main() {
         let trial = Trial::test(name, move || takes_a_calibration(&board).map_err(text));
         trials.push(trial.with_ignored_flag(absent));
     }
+    // What follows takes minutes, and is ignored unless it is asked for.
+    for board in Board::simulated() {
+        let name = format!("{}::calibration", board.name);
+        let trial = Trial::test(name, move || takes_commands_in_rtl(&board).map_err(text));
+        trials.push(trial.with_ignored_flag(true));
+    }
     for board in Board::modelled() {
-        // It takes minutes, and is ignored unless it is asked for.
         let name = format!("{}::calibration", board.name);
         let trial = Trial::test(name, move || {
             keeps_a_calibration_in_flash(&board).map_err(text)
@@ -437,16 +444,9 @@ fn send_calibration(
 /// A board that sees what two crooked cameras see gets their calibration over the link, and then sends what
 /// the host makes of them with it; then another one, in the same way.
 fn takes_a_calibration(board: &Board) -> anyhow::Result<()> {
-    let firmware = build(board)?;
     let pair = Pair::crooked(WIDTH as u16, HEIGHT as u16, 16, true)?;
-    let uncalibrated = Pair {
-        rectification: None,
-        camera: None,
-        ..pair.clone()
-    };
-    let request = uncalibrated.live_request(Preset::Lite, &[])?;
-    let link = Link::local(Damage::default());
-    let mut live = LiveBoard::emulated(board, &firmware, &[uncalibrated], &request, link)?;
+    let uncalibrated = uncalibrated(&pair);
+    let mut live = started(board, &uncalibrated)?;
     let calibrated = calibrates(&pair, &live.address().to_string());
     // Whatever was missed: the board's own reason is the better one.
     live.wait(Duration::ZERO)?;
@@ -454,15 +454,82 @@ fn takes_a_calibration(board: &Board) -> anyhow::Result<()> {
     drop(live);
 
     // With the calibration from its start, as of `cargo firmware live --calibration`.
-    let request = pair.live_request(Preset::Lite, &[])?;
-    let link = Link::local(Damage::default());
-    let live = LiveBoard::emulated(board, &firmware, slice::from_ref(&pair), &request, link)?;
+    let live = started(board, &pair)?;
     let source = Source::Tcp(live.address().to_string());
     let mut memory = Memory::default();
     let mut host = Attended::connect(&source, &mut memory, LONG)?;
     let crc32 = crc32_of(pair.rectification.as_deref().unwrap());
     assert_eq!(hello(&host, "calibration_crc32"), Some(crc32.into()));
-    sends_what_the_host_computes(&mut host, &pair, ALL_MATCHED)
+    sends_what_the_host_computes(&mut host, &pair, ALL_MATCHED)?;
+    leaves_out_what_is_not_sure(&mut host, &pair)
+}
+
+/// A board in RTL introduces itself, gets a calibration through the pins of its serial port, uses it, and takes settings.
+fn takes_commands_in_rtl(board: &Board) -> anyhow::Result<()> {
+    // A frame takes millions of cycles.
+    let pair = Pair::crooked(48, 24, 8, true)?;
+    let live = started(board, &uncalibrated(&pair))?;
+    let source = Source::Tcp(live.address().to_string());
+    let mut memory = Memory::default();
+    let mut host = Attended::connect(&source, &mut memory, LONG)?;
+    let fields = &host.board.hello.as_ref().unwrap().fields;
+    assert_eq!(fields["device"], board.folder);
+    assert_eq!(hello(&host, "calibration_crc32"), None);
+    let bytes = pair.rectification.as_deref().unwrap();
+    let refused = send_calibration(&mut host, &bytes[..200], 100, crc32_of(bytes));
+    assert!(refused.is_err(), "it is cut off");
+    is_used_once_sent(&mut host, &pair, ALL_MATCHED)?;
+    leaves_out_what_is_not_sure(&mut host, &pair)
+}
+
+/// The pair, of whose cameras nothing is known.
+fn uncalibrated(pair: &Pair) -> Pair {
+    Pair {
+        rectification: None,
+        camera: None,
+        ..pair.clone()
+    }
+}
+
+/// Starts a board that is emulated or simulated and sees this pair.
+fn started(board: &Board, pair: &Pair) -> anyhow::Result<LiveBoard> {
+    let firmware = build(board)?;
+    let request = pair.live_request(Preset::Lite, &[])?;
+    let link = Link::local(Damage::default());
+    if board.simulation.is_none() {
+        return LiveBoard::emulated(board, &firmware, slice::from_ref(pair), &request, link);
+    }
+    let (program, scenario) = (simulation::build(board)?, Scenario::default());
+    LiveBoard::simulated(board, &program, &firmware, pair, &request, &scenario, link)
+}
+
+/// A board of which the host asks it leaves out the disparities of less confidence.
+fn leaves_out_what_is_not_sure(host: &mut Attended<'_>, pair: &Pair) -> anyhow::Result<()> {
+    const CONFIDENCE_MIN: u8 = 60;
+    let parameters = Parameters {
+        confidence_min: Some(CONFIDENCE_MIN),
+        ..Parameters::default()
+    };
+    host.command("parameters", &HostMessage::Parameters(parameters))?;
+    host.drop_frames();
+    let frame = host.frame()?.unwrap();
+    let (expected, _) = host::run(pair, &pair.request(Preset::Lite, 1, &[])?)?;
+    let all = expected
+        .disparities_q4()
+        .into_iter()
+        .zip(expected.confidences);
+    let sure: Vec<i16> = all
+        .map(|(q4, confidence)| {
+            if confidence < CONFIDENCE_MIN {
+                INVALID
+            } else {
+                q4
+            }
+        })
+        .collect();
+    assert!(sure.iter().any(|&q4| q4 != INVALID));
+    assert!(frame.disparities.as_ref().unwrap().values == sure);
+    Ok(())
 }
 
 /// Calibrates the board at this address, which sees this pair.
@@ -475,7 +542,10 @@ fn calibrates(pair: &Pair, address: &str) -> anyhow::Result<()> {
 
     // Damaged, or for other cameras: refused, and the board goes on as it was.
     let bytes = pair.rectification.as_deref().unwrap();
-    let other = Pair::crooked(WIDTH as u16, HEIGHT as u16 + 1, 16, true)?;
+    let (width, height) = pair.left.dimensions();
+    let [width, height] = [width, height].map(|px| px as u16);
+    let disparities = pair.disparities.count;
+    let other = Pair::crooked(width, height + 1, disparities, true)?;
     let other = other.rectification.unwrap();
     let mut damaged = bytes.to_vec();
     damaged[100] ^= 1;
@@ -493,7 +563,7 @@ fn calibrates(pair: &Pair, address: &str) -> anyhow::Result<()> {
     assert_eq!(hello(&host, "calibration_crc32"), None);
 
     // The same views by another calibration.
-    let second = Pair::crooked(WIDTH as u16, HEIGHT as u16, 16, false)?;
+    let second = Pair::crooked(width, height, disparities, false)?;
     for pair in [pair, &second] {
         is_used_once_sent(&mut host, pair, ALL_MATCHED)?;
     }

@@ -72,8 +72,35 @@ pub struct Simulation {
     pub processor: Processor,
     /// How many costs its stereo unit makes in a cycle, one of [`UNIT_LANES`]; 0 if it has none.
     pub unit_lanes: u32,
-    /// Packages that are compiled to be small rather than fast: the code has to fit the FPGA's memory.
-    pub small_packages: &'static [&'static str],
+}
+
+impl Simulation {
+    /// Returns the presets for which its firmware can be built: those that its stereo unit is for, or those for which code
+    /// and working memory have room.
+    const fn presets(&self) -> &'static [Preset] {
+        match self.unit_lanes {
+            0 => &[Preset::Lite, Preset::Micro],
+            _ => &[Preset::Lite],
+        }
+    }
+
+    /// Returns the packages that are compiled to be small rather than fast: the code has to fit the FPGA's memory. With the
+    /// board's own package that of core is compiled that depends on the kernels.
+    #[must_use]
+    pub const fn small_packages(&self) -> &'static [&'static str] {
+        match self.preset {
+            Preset::Lite => &["vgstereo-emulated", "vgstereo-link", "libm", "postcard"],
+            _ => &[
+                "vgstereo-emulated",
+                "vgstereo-link",
+                "libm",
+                "postcard",
+                "vgstereo-firmware",
+                "vgstereo-core",
+                "softcore",
+            ],
+        }
+    }
 }
 
 /// A processor that a board in RTL may have.
@@ -270,7 +297,6 @@ pub const SOFTCORE: Board = Board {
         preset: Preset::Lite,
         processor: Processor::VexRiscv,
         unit_lanes: 16,
-        small_packages: &["vgstereo-emulated", "vgstereo-link", "libm", "postcard"],
     }),
     alone_presets: &[],
     alone: None,
@@ -363,11 +389,23 @@ impl Board {
     }
 
     /// Returns the board as it is built for this preset alone: for lines of grey that are rectified, and
-    /// [`ALONE_DISPARITIES`] from 0 on. It has neither link, calibration, scan nor log.
+    /// [`ALONE_DISPARITIES`] from 0 on. It has neither link, calibration, scan nor log. One in RTL is built for one preset
+    /// in any case, and lacks nothing.
     ///
     /// # Errors
     /// Fails with [`NotAlone`] when it cannot be built so.
     pub fn alone(self, preset: Preset) -> Result<Self, NotAlone> {
+        if let Some(simulation) = self.simulation
+            && simulation.presets().contains(&preset)
+        {
+            return Ok(Self {
+                simulation: Some(Simulation {
+                    preset,
+                    ..simulation
+                }),
+                ..self
+            });
+        }
         if !self.alone_presets.contains(&preset) {
             return Err(NotAlone {
                 board: self.name,
@@ -440,7 +478,8 @@ impl fmt::Display for NotAlone {
         let Self { board, preset } = self;
         write!(
             f,
-            "{board} is not built for {preset} alone; stm32f405 and mps2-an500 are, for lite and micro"
+            "{board} is not built for {preset} alone; stm32f405 and mps2-an500 are, for lite and micro, softcore for \
+             lite, and for micro without its stereo unit"
         )
     }
 }

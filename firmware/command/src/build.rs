@@ -7,7 +7,7 @@ use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 
-use crate::board::Board;
+use crate::board::{Board, Simulation};
 use crate::toolchain::{Toolchain, root};
 
 /// Builds a board's firmware as it is released and returns the path of the linked file.
@@ -16,11 +16,18 @@ use crate::toolchain::{Toolchain, root};
 /// Fails when there is no compiler for the board or the firmware does not compile.
 pub fn build(board: &Board) -> Result<PathBuf> {
     let program = board.program();
-    let Some(preset) = board.alone else {
-        return build_program(board, board.folder, program, "release", &[]);
+    let (preset, linked) = match (board.alone, board.simulation) {
+        (Some(preset), _) => {
+            let options = ["--no-default-features", "--features", preset.name()];
+            let linked = build_program(board, board.folder, program, "small", &options)?;
+            (preset, linked)
+        }
+        (None, Some(Simulation { preset, .. })) => {
+            let linked = build_program(board, board.folder, program, "release", &[])?;
+            (preset, linked)
+        }
+        (None, None) => return build_program(board, board.folder, program, "release", &[]),
     };
-    let options = ["--no-default-features", "--features", preset.name()];
-    let linked = build_program(board, board.folder, program, "small", &options)?;
     // The next build for another preset replaces the file.
     let kept = linked.with_file_name(format!("{program}-{preset}"));
     std::fs::copy(&linked, &kept).with_context(|| format!("cannot copy {}", linked.display()))?;
@@ -55,7 +62,7 @@ fn build_program(
     }
     configure(&mut command, board, &toolchain(board)?, profile);
     command
-        .args(processor_options(board))
+        .args(simulation_options(board))
         .args(options)
         .current_dir(package_folder(package));
     let status = command.status().context("cannot run cargo")?;
@@ -64,11 +71,15 @@ fn build_program(
     Ok(folder.join(program))
 }
 
-/// The options of cargo that name the processor of a board in RTL.
-fn processor_options(board: &Board) -> impl Iterator<Item = &'static str> {
-    let processor = board.simulation.map(|simulation| simulation.processor);
-    let options =
-        processor.map(|processor| ["--no-default-features", "--features", processor.name()]);
+/// The options of cargo that name the processor and the preset of a board in RTL.
+fn simulation_options(board: &Board) -> impl Iterator<Item = &'static str> {
+    let options = board.simulation.map(|simulation| {
+        let Simulation {
+            processor, preset, ..
+        } = simulation;
+        let processor = ["--no-default-features", "--features", processor.name()];
+        processor.into_iter().chain(["--features", preset.name()])
+    });
     options.into_iter().flatten()
 }
 
@@ -123,7 +134,7 @@ pub fn lint(board: &Board) -> Result<()> {
             .env("CLIPPY_ARGS", "-Dwarnings__CLIPPY_HACKERY__")
             .current_dir(package_folder(package));
         configure(&mut own, board, &toolchain, "release");
-        own.args(processor_options(board));
+        own.args(simulation_options(board));
         own.arg("--").args(LINT_ONLY);
         commands.push(own);
     }
@@ -211,7 +222,9 @@ fn configure(command: &mut Command, board: &Board, toolchain: &Toolchain, profil
     for variable in ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_BUILD_TARGET"] {
         command.env_remove(variable);
     }
-    let small = board.simulation.map(|simulation| simulation.small_packages);
+    let small = board
+        .simulation
+        .map(|simulation| simulation.small_packages());
     for package in small.unwrap_or_default() {
         let setting = format!("profile.release.package.{package}.opt-level=\"s\"");
         command.args(["--config", &setting]);

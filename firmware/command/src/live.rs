@@ -16,6 +16,7 @@ use crate::bridge::{Bridge, Damage, Event};
 use crate::emulator;
 use crate::model;
 use crate::pair::Pair;
+use crate::simulation::{self, Scenario};
 
 /// The longest time from the start of a board to its first byte.
 const LONGEST_START: Duration = Duration::from_secs(300);
@@ -101,6 +102,30 @@ impl LiveBoard {
         let inputs = model::inputs(firmware, pair, folder.path())?;
         let start = |mut command: Command| {
             command.args(&inputs).args(["--serial", "stdio"]);
+            command
+        };
+        Self::start(board.name, program, start, link)?.began(folder)
+    }
+
+    /// Starts the firmware of a board in RTL with a request for the link, of which `program` is the simulation. Its sensors
+    /// send the pair for ever. Returns when the board has begun to speak.
+    ///
+    /// # Errors
+    /// Fails with one line when the firmware is not built for the request, when the simulation complains, or when the
+    /// address cannot be listened at.
+    pub fn simulated(
+        board: &Board,
+        program: &Path,
+        firmware: &Path,
+        pair: &Pair,
+        request: &Request,
+        scenario: &Scenario,
+        link: Link,
+    ) -> Result<Self> {
+        let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
+        let inputs = simulation::inputs(board, firmware, pair, request, scenario, folder.path())?;
+        let start = |mut command: Command| {
+            command.args(&inputs);
             command
         };
         Self::start(board.name, program, start, link)?.began(folder)

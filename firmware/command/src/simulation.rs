@@ -1,6 +1,7 @@
 //! Runs a board that is hardware in RTL: Verilator makes a program of it, with two sensors at the pins of
 //! its camera ports and a host at its serial port.
 
+use std::ffi::OsString;
 use std::fmt::Write as _;
 use std::fs::{self, File};
 use std::io::Read;
@@ -38,8 +39,8 @@ const LONGEST_EACH: u64 = 2000;
 pub struct Scenario {
     /// Faults, `FRAME:LINE:KIND`, of the kinds of `sim/sensors.h`.
     pub faults: Vec<String>,
-    /// Whether the sensors do not wait for room.
-    pub is_free_running: bool,
+    /// Clocks of PCLK between two frames of sensors that do not wait for room; `None` for those that wait.
+    pub free_running_gap: Option<u32>,
     /// When the left and the right sensor get their power, µs after the reset.
     pub powered_us: [u64; 2],
     /// Until when SDA of the left and of the right sensor is held low, likewise.
@@ -228,6 +229,50 @@ fn files_with(folder: &Path, extension: &str) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
+/// Writes what the board's memories hold and what its sensors see to a folder, and returns the arguments of the simulation's
+/// program for them.
+///
+/// # Errors
+/// Fails with one line when the firmware is not built for the request, or a file cannot be written.
+pub(crate) fn inputs(
+    board: &Board,
+    firmware: &Path,
+    pair: &Pair,
+    request: &Request,
+    scenario: &Scenario,
+    folder: &Path,
+) -> Result<Vec<OsString>> {
+    ensure_built_for(board, request)?;
+    let rectification = pair.rectification.as_deref();
+    write_images(board, firmware, request, rectification, folder)?;
+    write_views(pair, folder)?;
+    let path = |name: &str| folder.join(name).into_os_string();
+    let mut inputs: Vec<OsString> = Vec::new();
+    for memory in ["code", "data"] {
+        let mut input = OsString::from(format!("+{memory}="));
+        input.push(path(&format!("{memory}.hex")));
+        inputs.push(input);
+    }
+    for side in ["left", "right"] {
+        inputs.extend([format!("--{side}").into(), path(&format!("{side}.pgm"))]);
+    }
+    for fault in &scenario.faults {
+        inputs.extend(["--fault".into(), fault.into()]);
+    }
+    for (option, times_us) in [
+        ("--powered", scenario.powered_us),
+        ("--sda-held", scenario.sda_held_us),
+    ] {
+        for (side, us) in ["left", "right"].iter().zip(times_us) {
+            inputs.extend([option.into(), format!("{side}:{us}").into()]);
+        }
+    }
+    if let Some(clocks) = scenario.free_running_gap {
+        inputs.extend(["--free-running".into(), clocks.to_string().into()]);
+    }
+    Ok(inputs)
+}
+
 /// Runs a board's firmware on a request while its sensors send a pair.
 ///
 /// # Errors
@@ -241,40 +286,15 @@ pub fn run(
     request: &Request,
     scenario: &Scenario,
 ) -> Result<Ran> {
-    ensure_built_for(board, request)?;
     let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
-    let path = |name: &str| folder.path().join(name);
-    let rectification = pair.rectification.as_deref();
-    write_images(board, firmware, request, rectification, folder.path())?;
-    write_views(pair, folder.path())?;
+    let inputs = inputs(board, firmware, pair, request, scenario, folder.path())?;
     let pixels = u64::from(pair.left.width()) * u64::from(pair.left.height());
     let frames = u64::from(request.frames) + scenario.faults.len() as u64 + 1;
     let longest =
         frames * (LONGEST_START + LONGEST_EACH * pixels * u64::from(request.disparities.count));
-    let mut command = Command::new(program);
-    command
-        .arg(format!("+code={}", path("code.hex").display()))
-        .arg(format!("+data={}", path("data.hex").display()))
-        .arg("--left")
-        .arg(path("left.pgm"))
-        .arg("--right")
-        .arg(path("right.pgm"))
-        .args(["--cycles", &longest.to_string()]);
-    for fault in &scenario.faults {
-        command.args(["--fault", fault]);
-    }
-    for (option, times_us) in [
-        ("--powered", scenario.powered_us),
-        ("--sda-held", scenario.sda_held_us),
-    ] {
-        for (side, us) in ["left", "right"].iter().zip(times_us) {
-            command.args([option, &format!("{side}:{us}")]);
-        }
-    }
-    if scenario.is_free_running {
-        command.arg("--free-running");
-    }
-    let child = command
+    let child = Command::new(program)
+        .args(inputs)
+        .args(["--cycles", &longest.to_string()])
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())

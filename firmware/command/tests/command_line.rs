@@ -114,15 +114,15 @@ fn what_is_wrong_is_said_on_one_line() {
             modelled(&["--fault", "0:3:overrun", "--fault", "0:4:overrun"]),
             "one in a frame",
         ),
-        (simulated(&["--preset", "micro"]), "is built for lite"),
+        (simulated(&["--preset", "micro"]), "without its stereo unit"),
         (simulated(&["--cpu", "z80"]), "vexriscv and cv32e40p"),
         (
             simulated(&["--fault", "0:3:bus-error"]),
             "dropped-line, lost-sync",
         ),
         (
-            refusal(&["live", "--board", "softcore"]),
-            "softcore is simulated",
+            refusal(&["live", "--board", "softcore", "--preset", "micro"]),
+            "without its stereo unit",
         ),
         (refusal(&["run", "--board", "stm32f405"]), "--out"),
         (run(&["--preset", "best"]), "lite, micro"),

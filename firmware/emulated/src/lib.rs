@@ -13,6 +13,8 @@ extern crate std;
 
 use core::ffi::CStr;
 
+pub mod live;
+pub mod memories;
 #[cfg(any(test, all(target_os = "none", feature = "complete")))]
 mod memory;
 pub mod meter;
@@ -30,8 +32,6 @@ pub mod board;
 pub mod camera;
 #[cfg(target_os = "none")]
 pub mod cmsdk;
-#[cfg(all(target_os = "none", feature = "complete"))]
-mod live;
 #[cfg(all(target_os = "none", feature = "complete"))]
 pub mod run;
 #[cfg(all(target_os = "none", feature = "semihosting"))]

@@ -1,25 +1,28 @@
 //! Run of a board: parses the request, matches its frames and writes the report.
 
+use core::convert::Infallible;
+
 use defmt_semihosting as _;
 use semihosting::fs::File;
+use semihosting::sys::arm_compat::sys_elapsed;
 use vgstereo_core::geometry::{LaserScan, Rectifier};
 use vgstereo_core::{Kernels, Matcher};
 use vgstereo_firmware::camera::LinePairSource;
 use vgstereo_firmware::scripted::FaultyCamera;
-use vgstereo_firmware::session;
 use vgstereo_firmware::sink::{BothSinks, ScanningSink};
 use vgstereo_firmware::watchdog::NoWatchdog;
 use vgstereo_firmware::{DisparitySink, Session, Statistics};
 
 use crate::board::{Board, of_command_line, report};
 use crate::camera::{self, FileCamera};
-use crate::live;
+use crate::live::{self, Device};
+use crate::memories::Memories;
 use crate::memory;
 use crate::meter::{Counter, Meter, Metered};
 use crate::rectifier::rectifier;
 use crate::report::Report;
 use crate::request::{Refusal, Request};
-use crate::serial::Uart;
+use crate::serial::{SerialPort, Uart};
 use crate::sink::{FileSink, PacketSink, ScanFile};
 use crate::task::Task;
 use crate::{CALIBRATION_FILE, CONFIDENCES_FILE, DISPARITIES_FILE, LINES_FILE, SCANS_FILE};
@@ -28,54 +31,6 @@ use crate::{CALIBRATION_FILE, CONFIDENCES_FILE, DISPARITIES_FILE, LINES_FILE, SC
 /// live serves the link instead, and never ends.
 pub fn run<C: Counter, U: Uart, K: Kernels>(board: Board<C, U, K>) -> ! {
     report(board.stack, || serve(board))
-}
-
-/// Parts of the lent memory, each as large as the request needs it.
-pub(crate) struct Memories {
-    /// The session's lines.
-    pub(crate) lines: &'static mut [u32],
-    /// The rectification, and the rectifier behind it. If the board is live, all that the rest leaves, for
-    /// a calibration from the host.
-    pub(crate) calibration: &'static mut [u32],
-    scan: &'static mut [u32],
-    /// The link, if the board is live.
-    pub(crate) link: &'static mut [u32],
-    pub(crate) matcher: &'static mut [u32],
-    /// The packets of the link, whose cost is measured where they have room beside the rest.
-    packet: &'static mut [u32],
-}
-
-impl Memories {
-    fn new(request: &Request, memory: &'static mut [u32]) -> Result<Self, Refusal> {
-        let (lines, memory) = memory
-            .split_at_mut_checked(session::memory_words(&request.geometry))
-            .ok_or(Refusal("the lines do not fit the lent memory"))?;
-        let scan_words = request.scan.map_or(0, |scan| scan.words());
-        let (scan, memory) = memory
-            .split_at_mut_checked(scan_words)
-            .ok_or(Refusal("the scan does not fit the lent memory"))?;
-        let (link, memory) = memory
-            .split_at_mut_checked(request.link_words())
-            .ok_or(Refusal("the link does not fit the lent memory"))?;
-        let matcher_words = request.config().memory_words();
-        let (matcher, memory) = memory.split_at_mut(matcher_words.min(memory.len()));
-        let [rectification_words, rectifier_words] = request.calibration_words();
-        let calibration_words = match request.is_live {
-            true => memory.len(),
-            false => rectification_words + rectifier_words,
-        };
-        let (calibration, packet) = memory
-            .split_at_mut_checked(calibration_words)
-            .ok_or(Refusal("the calibration does not fit the lent memory"))?;
-        Ok(Self {
-            lines,
-            calibration,
-            scan,
-            link,
-            matcher,
-            packet,
-        })
-    }
 }
 
 /// Not inlined, so that what is only there before frames are matched does not take stack then.
@@ -89,10 +44,40 @@ fn serve<C: Counter, U: Uart, K: Kernels>(board: Board<C, U, K>) -> Result<Repor
     let meter = Meter::new(board.counter);
     let kernels = Metered::new(board.kernels, &meter);
     if request.is_live {
-        let live = live::serve(&request, board.name, board.uart, kernels, memories);
+        let live = with_link(&request, board.name, board.uart, kernels, memories);
         return live.map(|never| match never {});
     }
     with_files(&request, &meter, kernels, memories)
+}
+
+/// Serves the link, until the emulator is ended.
+fn with_link<U: Uart, K: Kernels>(
+    request: &Request,
+    name: &'static str,
+    uart: U,
+    kernels: K,
+    memories: Memories,
+) -> Result<Infallible, Refusal> {
+    // Opened once: whoever has started the board may have removed it by then.
+    let file = File::open(LINES_FILE).map_err(|_| Refusal("a file cannot be opened"))?;
+    let camera = FileCamera::new(&file, request.geometry, now_us);
+    let mut camera = FaultyCamera::new(camera, &request.faults);
+    let device = Device {
+        name,
+        kernels,
+        matcher,
+        read_calibration,
+        port: SerialPort::new(uart),
+        watchdog: NoWatchdog,
+        clock: now_us,
+    };
+    live::serve(request, device, &mut camera, memories, || None::<&str>)
+}
+
+/// Time since the emulator has started, µs.
+fn now_us() -> u64 {
+    // The emulator counts nanoseconds.
+    sys_elapsed().unwrap_or(0) / 1000
 }
 
 /// Matches the frames of the request between files. Not inlined: neither this nor the link takes the
@@ -118,10 +103,7 @@ fn with_files<C: Counter, K: Kernels>(
     let camera = Metered::new(camera, meter);
     // What a scan takes of lines is not files' time.
     let sink = Metered::new(sink, meter);
-    let sink = BothSinks::new(
-        sink,
-        PacketSink::new(memories.packet, request.width(), meter),
-    );
+    let sink = BothSinks::new(sink, PacketSink::new(memories.rest, request.width(), meter));
     let sink = BothSinks::new(sink, scanner(request, memories.scan)?);
     let mut session = session(camera, rectifier.as_mut(), matcher, sink, memories.lines);
     // Used where it is: moved out, it would take the stack twice.
@@ -161,7 +143,7 @@ fn session<'m, C: LinePairSource, K: Kernels, S: DisparitySink>(
 
 /// Builds the matcher. Not inlined, so that its stack is free again while frames are matched.
 #[inline(never)]
-pub(crate) fn matcher<'m, K: Kernels>(
+fn matcher<'m, K: Kernels>(
     request: &Request,
     kernels: K,
     memory: &'m mut [u32],
@@ -171,7 +153,7 @@ pub(crate) fn matcher<'m, K: Kernels>(
 }
 
 /// Reads the file of the rectification, which has as many bytes.
-pub(crate) fn read_calibration(bytes: &mut [u8]) -> Result<(), Refusal> {
+fn read_calibration(bytes: &mut [u8]) -> Result<(), Refusal> {
     let file = File::open(CALIBRATION_FILE).map_err(|_| Refusal("there is no rectification"))?;
     camera::read_exactly(&file, bytes).map_err(|_| Refusal("the rectification cannot be read"))
 }

@@ -251,6 +251,12 @@ where
         (self.upload.is_stored && is_told).then_some(Next::Calibrated)
     }
 
+    /// Tells the host this in the log, as soon as the port has room, unless something else is told before that. It is for
+    /// what the board itself has to say, between two steps.
+    pub fn tell(&mut self, what: &dyn Display) {
+        self.session.sink_mut().sender.note(what);
+    }
+
     /// What the session has counted since it began, or since the host has set the counters to 0.
     #[must_use]
     pub fn statistics(&self) -> Statistics {

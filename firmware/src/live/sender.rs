@@ -1,10 +1,10 @@
 //! The sending end: packets to a port that may be full, and the messages that must not be lost there.
 
-use core::fmt::Write;
+use core::fmt::{Display, Write};
 
 use heapless::String;
 use vgstereo_link::board::{
-    Camera, FrameBegun, Hello, LinkCounters, Outcome, SessionCounters, Statistics,
+    Camera, FrameBegun, Hello, Level, LinkCounters, Outcome, SessionCounters, Statistics,
 };
 use vgstereo_link::{BoardMessage, DELIMITER, Encoder, Reason, State};
 
@@ -15,6 +15,9 @@ const REPORT_PERIOD_US: u64 = 250_000;
 
 /// Bytes of a line of the log; a longer one is cut.
 const LOG_BYTES: usize = 96;
+
+/// A line of the log.
+type Text = String<LOG_BYTES>;
 
 /// How a frame has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,7 +35,8 @@ pub(super) struct Owed {
     pub(super) begun: Option<FrameBegun>,
     pub(super) end: Option<(u32, End)>,
     statistics: bool,
-    warning: Option<String<LOG_BYTES>>,
+    warning: Option<Text>,
+    note: Option<Text>,
     camera: bool,
 }
 
@@ -110,7 +114,7 @@ impl<'m, P: LinkPort> Sender<'m, P> {
     }
 
     /// Counters are to be sent, and this warning, unless others were a short time ago; returns whether they are.
-    pub(super) fn report(&mut self, warning: Option<&dyn core::fmt::Display>) -> bool {
+    pub(super) fn report(&mut self, warning: Option<&dyn Display>) -> bool {
         let now_us = self.now_us();
         let is_early = self
             .reported_us
@@ -120,13 +124,13 @@ impl<'m, P: LinkPort> Sender<'m, P> {
         }
         self.reported_us = Some(now_us);
         self.owed.statistics = true;
-        self.owed.warning = warning.map(|warning| {
-            let mut text = String::new();
-            // What does not fit is cut.
-            let _ = write!(text, "{warning}");
-            text
-        });
+        self.owed.warning = warning.map(cut);
         true
+    }
+
+    /// This is to be in the log, in place of what is still owed of it.
+    pub(super) fn note(&mut self, what: &dyn Display) {
+        self.owed.note = Some(cut(what));
     }
 
     /// The camera has sent the last pair of a frame: from now on the port may be waited for, as long as
@@ -219,13 +223,9 @@ impl<'m, P: LinkPort> Sender<'m, P> {
             });
             self.owed.statistics = !self.try_send(&statistics);
         }
-        if let Some(warning) = self.owed.warning.take() {
-            let level = vgstereo_link::board::Level::Warning;
-            let text = warning.as_str();
-            if !self.try_send(&BoardMessage::Log { level, text }) {
-                self.owed.warning = Some(warning);
-            }
-        }
+        let (note, warning) = (self.owed.note.take(), self.owed.warning.take());
+        self.owed.note = self.log(note);
+        self.owed.warning = self.log(warning);
         if self.owed.end.is_none()
             && let Some(begun) = self.owed.begun
             && self.try_send(&BoardMessage::FrameBegun(begun))
@@ -236,10 +236,25 @@ impl<'m, P: LinkPort> Sender<'m, P> {
         self.owed.begun.is_none() && self.owed.end.is_none()
     }
 
+    /// Sends a line of the log, if there is one; returns it if it has to wait.
+    fn log(&mut self, line: Option<Text>) -> Option<Text> {
+        let level = Level::Warning;
+        let text = line.as_deref()?;
+        let is_sent = self.try_send(&BoardMessage::Log { level, text });
+        line.filter(|_| !is_sent)
+    }
+
     /// Sends a line, or counts it as dropped where the port is full.
     pub(super) fn send_line(&mut self, message: &BoardMessage<'_>) {
         if !(self.settle() && self.try_send(message)) {
             self.counters.dropped = self.counters.dropped.saturating_add(1);
         }
     }
+}
+
+/// The text of this, as much of it as a line of the log has room for.
+fn cut(what: &dyn Display) -> Text {
+    let mut text = Text::new();
+    let _ = write!(text, "{what}");
+    text
 }

@@ -582,6 +582,32 @@ fn faults_are_told_with_their_reason() {
     });
 }
 
+/// What the board has to say waits for the port, only the last of it, and faults neither delay nor replace it.
+#[test]
+fn what_the_board_tells_comes_beside_the_faults() {
+    let faults = [1, 2].map(|frame| ScriptedFault {
+        frame,
+        line: 9,
+        kind: FaultKind::Error(ErrorKind::Bus),
+    });
+    let mut port_of_nothing = Port::new(0, 0);
+    with_board(&faults, &mut port_of_nothing, NoStore, 0, |board| {
+        board.tell(&"replaced");
+        frames(board, 1);
+        board.tell(&"left sensor");
+        frames(board, 1);
+        *port(board) = open();
+        frames(board, 1);
+        board.tell(&"right sensor");
+        frames(board, 1);
+        port(board).send(&[]);
+        let mut log = taken(board);
+        log.retain(|got| matches!(got, Got::Log(text) if text.ends_with("sensor")));
+        let told = ["left sensor", "right sensor"].map(|text| Got::Log(text.into()));
+        assert_eq!(log, told);
+    });
+}
+
 #[test]
 fn commands_are_answered_by_their_numbers_and_bounds() {
     with_board(&[], &mut open(), NoStore, 0, |board| {

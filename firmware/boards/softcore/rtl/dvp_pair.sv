@@ -32,8 +32,8 @@ module dvp_pair #(
     input  logic [14:0] addr,
     input  logic [31:0] write_data,
     output logic [31:0] read_data,
-    // For cameras that can be held: there is room for a line and more; no line waits.
-    output logic        has_room, may_begin
+    // For cameras that can be held: there is room for a line and more; no line waits; lines of one sensor wait alone.
+    output logic        has_room, may_begin, wait_alone
 );
   localparam int AT = $clog2(LINE_WORDS);
   logic [31:0] now;
@@ -49,16 +49,19 @@ module dvp_pair #(
   logic [31:0] left_ended, right_ended, left_word, right_word;
   logic [15:0] left_waiting, right_waiting, left_lost, right_lost;
 
-  // After a restart both count on from the later one.
-  wire [15:0] frames_apart = left_frame - right_frame;
-  wire [15:0] later_frame = frames_apart[15] ? right_frame : left_frame;
+  // Each counts its frames. The frame with which both begin after a restart has the number of the one that has begun more.
+  logic meet;
+  wire [15:0] left_number = left_begins ? left_begun : left_frame;
+  wire [15:0] right_number = right_begins ? right_begun : right_frame;
+  wire [15:0] frames_apart = left_number - right_number;
+  wire [15:0] number = frames_apart[15] ? right_number : left_number;
   wire [15:0] close_frame = left_full ? left_frame : right_frame;
 
   dvp_sensor #(.LINES(LINES), .LINE_WORDS(LINE_WORDS)) left (
       .clk, .rst_n, .pclk(left_pclk), .vsync(left_vsync), .href(left_href), .d(left_d), .now,
       .frame(left_frame), .next_line(left_next), .skipped(left_skipped),
       .frame_begins(left_begins), .frame_next(left_begun), .takes(left_takes), .is_full(left_full),
-      .close(close && close_frame == left_frame), .restart, .restart_frame(later_frame),
+      .close(close && close_frame == left_frame), .restart, .renumber(meet), .number,
       .valid(left_valid), .comes_next(left_comes), .line_frame(left_line_frame), .line(left_line),
       .pixels(left_pixels), .ended(left_ended), .gap(left_gap), .is_torn(left_torn), .pop(pair_pop || left_drop),
       .drop(left_drop), .word_at(addr[AT+1:2]), .word(left_word), .waiting(left_waiting),
@@ -68,7 +71,7 @@ module dvp_pair #(
       .frame(right_frame), .next_line(right_next), .skipped(right_skipped),
       .frame_begins(right_begins), .frame_next(right_begun), .takes(right_takes),
       .is_full(right_full), .close(close && close_frame == right_frame), .restart,
-      .restart_frame(later_frame), .valid(right_valid), .comes_next(right_comes),
+      .renumber(meet), .number, .valid(right_valid), .comes_next(right_comes),
       .line_frame(right_line_frame), .line(right_line), .pixels(right_pixels), .ended(right_ended), .gap(right_gap),
       .is_torn(right_torn), .pop(pair_pop || right_drop), .drop(right_drop),
       .word_at(addr[AT+1:2]), .word(right_word), .waiting(right_waiting), .lost(right_lost));
@@ -117,6 +120,7 @@ module dvp_pair #(
   // has begun before, or not yet, waits again.
   logic left_waits, right_waits;
   logic [31:0] alone;
+  assign meet = (left_waits || right_waits) && (left_begins || !left_waits) && (right_begins || !right_waits);
   assign restart = is_told || (left_waits != right_waits && limit != 0 && alone > limit);
 
   always_ff @(posedge clk) begin
@@ -136,6 +140,7 @@ module dvp_pair #(
         was_decided <= 1'b1;
         decided_frame <= left_begins ? left_begun : right_begun;
         decision <= left_begins ? left_takes : right_takes;
+        if (meet) decided_frame <= number;
       end else if (close && close_frame == decided_frame) decision <= 1'b0;
       if (pair_pop || restart) begin
         was_overrun <= 1'b0;
@@ -177,4 +182,5 @@ module dvp_pair #(
   localparam logic [15:0] NEARLY_FULL = 16'(LINES - 1);
   assign has_room = left_waiting < NEARLY_FULL && right_waiting < NEARLY_FULL;
   assign may_begin = left_waiting == 0 && right_waiting == 0;
+  assign wait_alone = (left_waiting == 0) != (right_waiting == 0);
 endmodule

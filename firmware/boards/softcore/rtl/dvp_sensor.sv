@@ -22,7 +22,8 @@ module dvp_sensor #(
     output logic        is_full,           // one cycle: a line had no room
     input  logic        close,             // what is left of the frame is not taken
     input  logic        restart,           // forget all lines, and wait for a frame
-    input  logic [15:0] restart_frame,     // the number of the frame before that one
+    input  logic        renumber,          // the frame that has begun has this number
+    input  logic [15:0] number,
     // The oldest line.
     output logic        valid,
     output logic        comes_next,        // there is one, but it is not read from the ring yet
@@ -141,10 +142,10 @@ module dvp_sensor #(
         is_stored <= 1'b0;
         skipped <= 1'b0;
         has_begun <= 1'b0;
-        frame <= restart_frame;
         {write_slot, read_slot, write_base, read_base, waiting} <= '0;
         lost <= lost + waiting + 16'(was_seen && (is_end || (frame_begins && in_line)));
       end
+      if (renumber) frame <= number;
     end
   end
 endmodule

@@ -35,7 +35,7 @@ module soc #(
     output logic       tx,
     output logic [7:0] leds,
     // For cameras that can be held.
-    output logic       camera_has_room, camera_may_begin,
+    output logic       camera_has_room, camera_may_begin, camera_wait_alone,
     // The processor has asked for what is not there. It stays so.
     output logic       bus_fault
 );
@@ -88,7 +88,7 @@ module soc #(
       .clk, .rst_n(core_rst_n), .left_pclk, .left_vsync, .left_href, .left_d, .right_pclk,
       .right_vsync, .right_href, .right_d, .write(data_writes && is_camera),
       .addr({data_word[12:0], 2'b0}), .write_data(data_out), .read_data(camera_data),
-      .has_room(camera_has_room), .may_begin(camera_may_begin));
+      .has_room(camera_has_room), .may_begin(camera_may_begin), .wait_alone(camera_wait_alone));
 
   i2c sensor_bus (
       .clk, .rst_n(core_rst_n), .write(data_writes && is_i2c), .addr({data_word[0], 2'b0}),

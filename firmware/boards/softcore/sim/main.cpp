@@ -9,6 +9,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -34,7 +35,7 @@ constexpr uint64_t LOOK_CYCLES = 4096;
 struct Options {
   std::string left, right;
   std::vector<Fault> faults;
-  bool is_held = true;
+  std::optional<uint32_t> gap;              // of sensors that do not wait, clocks of PCLK
   uint64_t cycles = UINT64_MAX;
   uint64_t power_cycles[2] = {0, 0};  // when each sensor gets its power
   uint64_t held_cycles[2] = {0, 0};   // until when SDA of each is held low
@@ -54,10 +55,6 @@ Options parse(int argc, char **argv) {
   for (int at = 1; at < argc; at++) {
     const std::string name = argv[at];
     if (name[0] == '+') continue;  // for the RTL
-    if (name == "--free-running") {
-      options.is_held = false;
-      continue;
-    }
     if (++at == argc) throw std::runtime_error(name + " needs a value");
     const std::string value = argv[at];
     if (name == "--left") options.left = value;
@@ -65,6 +62,7 @@ Options parse(int argc, char **argv) {
     else if (name == "--fault") options.faults.push_back(Fault::parse(value));
     else if (name == "--powered") parse_time(value, options.power_cycles);
     else if (name == "--sda-held") parse_time(value, options.held_cycles);
+    else if (name == "--free-running") options.gap = static_cast<uint32_t>(std::stoul(value));
     else if (name == "--cycles") options.cycles = std::stoull(value);
     else throw std::runtime_error("there is no option " + name);
   }
@@ -75,7 +73,7 @@ int run(VerilatedContext &context, const Options &options) {
   const Image left_view = Image::read(options.left), right_view = Image::read(options.right);
   if (left_view.width != right_view.width || left_view.height != right_view.height)
     throw std::runtime_error(options.right + ": not of the left view's size");
-  SensorPair sensors(left_view, right_view, options.faults, options.is_held);
+  SensorPair sensors(left_view, right_view, options.faults, options.gap);
   Vsoc soc(&context);
   SerialOutput from_board(BIT_CYCLES);
   SerialInput to_board(BIT_CYCLES);
@@ -87,7 +85,7 @@ int run(VerilatedContext &context, const Options &options) {
   while (cycles < options.cycles) {
     // Half a cycle each. The pins of the sensors change whenever their own clocks say.
     soc.clk = !soc.clk;
-    sensors.step(soc.camera_has_room, soc.camera_may_begin);
+    sensors.step(soc.camera_has_room, soc.camera_may_begin, soc.camera_wait_alone);
     const Pins &left = sensors.left(), &right = sensors.right();
     soc.left_pclk = left.pclk, soc.left_vsync = left.vsync, soc.left_href = left.href, soc.left_d = left.d;
     soc.right_pclk = right.pclk, soc.right_vsync = right.vsync, soc.right_href = right.href, soc.right_d = right.d;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <fstream>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -36,29 +37,39 @@ struct Image {
 enum Side { LEFT = 0, RIGHT = 1 };
 
 // A fault at the pins, at a line of a frame: FRAME:LINE:KIND, with `-left` or `-right` behind the kind
-// if it is one sensor's.
+// if it is one sensor's. The line after the last one is the gap between two frames.
 struct Fault {
   enum Kind {
     SHORT_LINE,    // HREF falls amid the line
+    LONG_LINE,     // HREF stays high for more pixels than the ports keep of a line
     LOST_LINE,     // HREF stays low
+    EXTRA_LINE,    // a line that is none comes before the line, or in the gap
     JOINED_LINES,  // HREF stays high until the end of the next line; no fault at the last
     EARLY_FRAME,   // the next frame begins in place of the line
-    FALSE_FRAME,   // VSYNC rises before the line, which comes all the same
+    FALSE_FRAME,   // VSYNC rises before the line, which comes all the same, or in the gap
+    CUT_LINE,      // VSYNC rises amid the line, and falls with its end
+    LOST_FRAME,    // VSYNC stays low where the frame begins, whatever the line
     LATE_LINE,     // the line comes a line's time late
     BURST,         // from here to the end of the frame the sensors do not wait for room
-    STOPPED_CLOCK, // PCLK stops before the line, for 300 ms
+    STOPPED_CLOCK, // PCLK stops before the line, or in the gap, for 150 ms
+    HUNG_CLOCK,    // PCLK stops before the line, until the sensor is reset
     LOST_POWER     // before the line; the sensor forgets its registers, and sends nothing until it is set up
   };
   uint32_t frame = 0, line = 0;
   Kind kind = SHORT_LINE;
   bool has[2] = {true, true};
 
+  // Whether it may happen in the gap between two frames.
+  bool fits_gap() const {
+    return kind == EXTRA_LINE || kind == FALSE_FRAME || kind == STOPPED_CLOCK || kind == LOST_POWER;
+  }
   static Fault parse(const std::string &text) {
     static const std::pair<const char *, Kind> KINDS[] = {
-        {"short-line", SHORT_LINE},   {"lost-line", LOST_LINE},     {"joined-lines", JOINED_LINES},
-        {"early-frame", EARLY_FRAME}, {"false-frame", FALSE_FRAME}, {"late-line", LATE_LINE},
-        {"burst", BURST},             {"stopped-clock", STOPPED_CLOCK},
-        {"lost-power", LOST_POWER}};
+        {"short-line", SHORT_LINE},     {"long-line", LONG_LINE},       {"lost-line", LOST_LINE},
+        {"extra-line", EXTRA_LINE},     {"joined-lines", JOINED_LINES}, {"early-frame", EARLY_FRAME},
+        {"false-frame", FALSE_FRAME},   {"cut-line", CUT_LINE},         {"lost-frame", LOST_FRAME},
+        {"late-line", LATE_LINE},       {"burst", BURST},               {"stopped-clock", STOPPED_CLOCK},
+        {"hung-clock", HUNG_CLOCK},     {"lost-power", LOST_POWER}};
     const std::string problem = text + ": a fault is FRAME:LINE:KIND";
     Fault fault;
     char name[32] = "";
@@ -93,7 +104,11 @@ constexpr uint32_t FRAME_BLANK = 60;
 // Half cycles of the system's clock in half a clock of PCLK: 24 MHz where the system has 48.
 constexpr uint32_t PCLK_HALF = 2;
 // Clocks of PCLK for which it stops in the fault of that name.
-constexpr uint64_t STOP = 300'000ull * 24;
+constexpr uint64_t STOP = 150'000ull * 24;
+// Half cycles of the system's clock for which a frame waits for lines of one sensor alone: 10 ms.
+constexpr uint64_t LONGEST_ALONE = 10'000ull * 96;
+// Pixels by which a long line is too long: all that the ports have room for.
+constexpr uint32_t LONGER = 160;
 
 // Where a sensor is: about to send a line, or, at line -1, to begin a frame.
 struct Place {
@@ -108,8 +123,8 @@ struct Place {
 // One sensor. It waits at each place until it is let go, and to be set up for the image's size.
 class Sensor {
  public:
-  Sensor(const Image &image, const std::vector<Fault> &faults, Side side, uint32_t phase)
-      : image_(image), faults_(faults), side_(side), phase_(phase) {}
+  Sensor(const Image &image, const std::vector<Fault> &faults, Side side, uint32_t gap)
+      : image_(image), faults_(faults), side_(side), gap_(gap), phase_(side) {}
 
   const Pins &pins() const { return pins_; }
   const Place &place() const { return place_; }
@@ -123,7 +138,7 @@ class Sensor {
   void begin_at(uint32_t frame) {
     script_.clear();
     at_ = 0;
-    has_begun_early_ = false;
+    hangs_ = has_begun_early_ = false;
     place_ = {frame, -1};
     // A line that was under way is no line.
     pins_.vsync = pins_.href = false;
@@ -134,6 +149,7 @@ class Sensor {
   // Half a cycle of the system's clock.
   void step() {
     if (++phase_ % PCLK_HALF) return;
+    if (hangs_) return;
     if (stopped_ > 0) {
       stopped_--;
       return;
@@ -156,9 +172,9 @@ class Sensor {
     script_.clear();
     at_ = 0;
     if (place_.line < 0) {
-      if (!has_begun_early_) add(VSYNC_HIGH, true);
+      if (!has_begun_early_) add(VSYNC_HIGH, !loses_frame());
       has_begun_early_ = false;
-      add(FRAME_BLANK, false);
+      add(gap_, false);
       move_to(0);
       return;
     }
@@ -166,7 +182,16 @@ class Sensor {
     if (const Fault *fault = fault_at(line)) {
       switch (fault->kind) {
         case Fault::SHORT_LINE: add_line(line, image_.width / 2, true); break;
+        case Fault::LONG_LINE:
+          add_line(line, image_.width, false);
+          script_.insert(script_.end(), 2 * LONGER, Step{false, true, 0});
+          add(LINE_BLANK, false);
+          break;
         case Fault::LOST_LINE: add(2 * image_.width + LINE_BLANK, false); break;
+        case Fault::EXTRA_LINE:
+          add_line(0, image_.width, true);
+          add_frame_line(line);
+          break;
         case Fault::JOINED_LINES:
           if (line + 1 == image_.height) {
             add_line(line, image_.width, true);
@@ -184,24 +209,35 @@ class Sensor {
           return;
         case Fault::FALSE_FRAME:
           add(VSYNC_HIGH, true);
-          add_line(line, image_.width, true);
+          add(LINE_BLANK, false);
+          add_frame_line(line);
           break;
+        case Fault::CUT_LINE: {
+          const size_t from = script_.size() + image_.width;
+          add_line(line, image_.width, false);
+          for (size_t at = from; at < script_.size(); at++) script_[at].vsync = true;
+          add(LINE_BLANK, false);
+          break;
+        }
         case Fault::LATE_LINE:
           add(2 * image_.width + LINE_BLANK, false);
           add_line(line, image_.width, true);
           break;
         case Fault::STOPPED_CLOCK:
           stopped_ = 2 * STOP;
-          add_line(line, image_.width, true);
+          add(LINE_BLANK, false);
+          add_frame_line(line);
           break;
+        case Fault::HUNG_CLOCK: hangs_ = true; return;
         case Fault::LOST_POWER:
           registers_.set_power(false);
           registers_.set_power(true);
           return;
-        case Fault::BURST: add_line(line, image_.width, true); break;
+        case Fault::LOST_FRAME:
+        case Fault::BURST: add_frame_line(line); break;
       }
     } else {
-      add_line(line, image_.width, true);
+      add_frame_line(line);
     }
     move_to(place_.line + 1);
   }
@@ -221,8 +257,15 @@ class Sensor {
 
   const Fault *fault_at(uint32_t line) const {
     for (const Fault &fault : faults_)
-      if (fault.has[side_] && fault.frame == place_.frame && fault.line == line) return &fault;
+      if (fault.has[side_] && fault.frame == place_.frame && fault.line == line &&
+          (line < image_.height || fault.fits_gap()))
+        return &fault;
     return nullptr;
+  }
+  bool loses_frame() const {
+    for (const Fault &fault : faults_)
+      if (fault.has[side_] && fault.frame == place_.frame && fault.kind == Fault::LOST_FRAME) return true;
+    return false;
   }
   void add(uint32_t clocks, bool vsync) { script_.insert(script_.end(), clocks, Step{vsync, false, 0}); }
   void add_line(uint32_t line, uint32_t pixels, bool ends) {
@@ -233,31 +276,40 @@ class Sensor {
     }
     if (ends) add(LINE_BLANK + 2 * (image_.width - pixels), false);
   }
+  // A line of the frame; none in the gap behind it.
+  void add_frame_line(uint32_t line) {
+    if (line < image_.height) add_line(line, image_.width, true);
+  }
   void move_to(int64_t line) {
     place_.line = line;
-    if (line == image_.height) place_ = {place_.frame + 1, -1};
+    const bool is_over = line > image_.height || (line == image_.height && !fault_at(image_.height));
+    if (is_over) place_ = {place_.frame + 1, -1};
   }
 
   const Image &image_;
   const std::vector<Fault> &faults_;
   const Side side_;
+  const uint32_t gap_;
   uint64_t phase_;
   Pins pins_;
   Place place_;
   std::vector<Step> script_;
   size_t at_ = 0;
   uint64_t stopped_ = 0;
-  bool has_begun_early_ = false;
+  bool has_begun_early_ = false, hangs_ = false;
   uint32_t lines_ = 0, frames_ = 0;
   SensorRegisters registers_;
 };
 
-// Two sensors with one clock, one reset, one SCL and an SDA each. Neither begins a line before the other can; if they wait
-// for room, that is how the firmware sets the pace.
+// Two sensors with one clock, one reset, one SCL and an SDA each. Neither begins a line before the other can. Unless a gap
+// between their frames is given they wait for room: that is how the firmware sets the pace.
 class SensorPair {
  public:
-  SensorPair(const Image &left, const Image &right, const std::vector<Fault> &faults, bool is_held)
-      : faults_(faults), left_(left, faults_, LEFT, 0), right_(right, faults_, RIGHT, 1), is_held_(is_held) {}
+  SensorPair(const Image &left, const Image &right, const std::vector<Fault> &faults, std::optional<uint32_t> gap)
+      : faults_(faults),
+        left_(left, faults_, LEFT, gap.value_or(FRAME_BLANK)),
+        right_(right, faults_, RIGHT, gap.value_or(FRAME_BLANK)),
+        is_held_(!gap) {}
 
   const Pins &left() const { return left_.pins(); }
   const Pins &right() const { return right_.pins(); }
@@ -265,7 +317,10 @@ class SensorPair {
   uint32_t lines(Side side) const { return side == LEFT ? left_.lines() : right_.lines(); }
   SensorRegisters &registers(Side side) { return (side == LEFT ? left_ : right_).registers(); }
 
-  void step(bool has_room, bool may_begin) {
+  void step(bool has_room, bool may_begin, bool wait_alone) {
+    alone_ = wait_alone ? alone_ + 1 : 0;
+    // What waits alone does so until the next frame, and the firmware has seen by then what is wrong with the last one.
+    may_begin |= alone_ > LONGEST_ALONE;
     const uint32_t resets = left_.registers().resets() + right_.registers().resets();
     if (resets != resets_) {
       // Whatever each was at: those that are reset together go on together.
@@ -294,4 +349,5 @@ class SensorPair {
   Sensor left_, right_;
   const bool is_held_;
   uint32_t resets_ = 0;
+  uint64_t alone_ = 0;
 };

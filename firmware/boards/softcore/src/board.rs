@@ -1,29 +1,52 @@
 //! The board: two camera ports, a matcher, and a host at the serial port.
 //!
-//! The host writes a [`Request`] for some frames into the image that the block RAM is loaded with ([`REQUEST`]), and the
-//! rectification of the sensors' lines, if they are to be rectified ([`CALIBRATION`]). The board sends the frames, and at
-//! their end the counters of the session and the cycles of each stage.
+//! The host writes a [`Request`] into the image that the block RAM is loaded with ([`REQUEST`]), and the rectification of the
+//! sensors' lines, if they are to be rectified ([`CALIBRATION`]). If the request is for the link, the board sends frames for ever
+//! and takes commands, a calibration among them. Otherwise it sends some frames, and at their end the counters of the session
+//! and the cycles of each stage.
 
+use core::convert::Infallible;
 use core::fmt::Write;
 
-use vgstereo_core::{Config, Kernels, Matcher, Preset};
+use vgstereo_core::{Config, Kernels, Matcher, Only, Preset, Scope, Scoped, presets};
+use vgstereo_emulated::live::{self, Device};
+use vgstereo_emulated::memories::Memories;
 use vgstereo_emulated::meter::{Meter, Metered};
 use vgstereo_emulated::request::Refusal;
+use vgstereo_emulated::serial::SerialPort as LinkPort;
 use vgstereo_emulated::stack::Stack;
 use vgstereo_emulated::task::Task;
 use vgstereo_emulated::{Report, Request, rectifier};
-use vgstereo_firmware::session;
 use vgstereo_firmware::{Session, Watchdog};
 
 use crate::camera::Dvp;
-use crate::clock::{Cycles, Timer};
+use crate::clock::{Cycles, Timer, now_us};
+use crate::news::{Log, News, Pending};
 use crate::processor;
 use crate::registers::LEDS;
 use crate::sink::{PACKET_BYTES, Sender};
 use crate::uart::SerialPort;
 
 /// The preset that this firmware is for: there is no room for all of them.
-const PRESET: Preset = Preset::Lite;
+const PRESET: Preset = if cfg!(feature = "micro") {
+    Preset::Micro
+} else {
+    Preset::Lite
+};
+
+/// What this firmware is for: [`PRESET`] with lines of grey. The code for all else is left out.
+#[derive(Clone, Copy)]
+struct Built;
+
+impl Scoped for Built {
+    const SCOPE: Scope = Scope {
+        colour: false,
+        ..match PRESET {
+            Preset::Micro => presets::Micro::SCOPE,
+            _ => presets::Lite::SCOPE,
+        }
+    };
+}
 
 /// Bytes of memory lent to session and matcher.
 const LENT_BYTES: usize = 50 * 1024;
@@ -55,7 +78,7 @@ pub(crate) trait BoardKernels: Kernels {
     fn fit(&self, width: usize, disparities: usize) -> bool;
 }
 
-/// Serves the request with these kernels, and then waits for ever.
+/// Serves the request with these kernels: for ever, or for some frames, and then waits for ever.
 pub(crate) fn run(kernels: impl BoardKernels) -> ! {
     // SAFETY: it runs on the main stack, there is no heap, and no interrupt is enabled.
     let stack = unsafe { Stack::paint_main() };
@@ -86,8 +109,7 @@ pub(crate) fn run(kernels: impl BoardKernels) -> ! {
     }
 }
 
-/// Matches the frames of the request. Not inlined, so that what is only there before frames are matched
-/// does not take stack then.
+/// Serves the request. Not inlined, so that what is only there before frames are matched does not take stack then.
 #[inline(never)]
 fn serve(
     kernels: impl BoardKernels,
@@ -97,33 +119,65 @@ fn serve(
     memory: &'static mut [u32],
 ) -> Result<Report, Refusal> {
     let request = read_request().ok_or(Refusal("the image has no request"))?;
-    if request.is_live || request.scan.is_some() {
-        return Err(Refusal("this board has neither link nor scan"));
+    if request.scan.is_some() {
+        return Err(Refusal("this board makes no scan"));
     }
-    let camera = Dvp::start(request.geometry, sender);
-    let camera = camera.ok_or(Refusal(
-        "the camera's lines are not of this format or length",
-    ))?;
-    let (lines, memory) = memory
-        .split_at_mut_checked(session::memory_words(&request.geometry))
-        .ok_or(Refusal("the lines do not fit the lent memory"))?;
-    let words = request.calibration_words().iter().sum();
-    let (calibration, memory) = memory
-        .split_at_mut_checked(words)
-        .ok_or(Refusal("the calibration does not fit the lent memory"))?;
     if request.preset != PRESET || request.hamming_alone {
-        return Err(Refusal("this board is built for lite alone"));
+        return Err(Refusal("this board is built for another preset"));
     }
     let disparities = request.disparities.count.into();
     if !kernels.fit(request.width().into(), disparities) {
         return Err(Refusal("the stereo unit has no room for such rows"));
     }
-    let kernels = Metered::new(kernels, meter);
-    let camera = Metered::new(camera, meter);
-    let matcher = matcher(&request, kernels, memory)?;
-    let mut rectifier = rectifier::rectifier(&request, calibration, kernels, read_calibration)?;
+    let memories = Memories::new(&request, memory)?;
+    let kernels = Metered::new(Only::<_, Built>::new(kernels), meter);
+    if request.is_live {
+        let live = with_link(&request, kernels, watchdog, memories);
+        return live.map(|never| match never {});
+    }
+    some_frames(&request, kernels, sender, watchdog, meter, memories)
+}
+
+/// Serves the host, whose commands are carried out, for ever.
+#[inline(never)]
+fn with_link<K: Kernels>(
+    request: &Request,
+    kernels: K,
+    watchdog: &mut Timer,
+    memories: Memories,
+) -> Result<Infallible, Refusal> {
+    let pending = Pending::default();
+    tell_restarts(&pending);
+    let mut camera = camera(request, &pending)?;
+    let device = Device {
+        name: env!("CARGO_PKG_NAME"),
+        kernels,
+        matcher,
+        read_calibration,
+        port: LinkPort::new(SerialPort::new()),
+        watchdog,
+        clock: now_us,
+    };
+    live::serve(request, device, &mut camera, memories, || pending.take())
+}
+
+/// Matches the frames of the request.
+#[inline(never)]
+fn some_frames<K: Kernels>(
+    request: &Request,
+    kernels: K,
+    sender: &Sender<'_>,
+    watchdog: &mut Timer,
+    meter: &Meter<Cycles>,
+    memories: Memories,
+) -> Result<Report, Refusal> {
+    tell_restarts(sender);
+    let camera = Metered::new(camera(request, sender)?, meter);
+    let matcher = matcher(request, kernels, memories.matcher)?;
+    let mut rectifier =
+        rectifier::rectifier(request, memories.calibration, kernels, read_calibration)?;
     let rectifier = rectifier.as_mut();
-    let session = Session::rectifying(camera, rectifier, matcher, sender, lines, watchdog);
+    let session = Session::rectifying(camera, rectifier, matcher, sender, memories.lines, watchdog);
     let mut session = session.map_err(|_| Refusal("the session refuses the camera"))?;
     let task = Task {
         frames: request.frames,
@@ -139,6 +193,22 @@ fn serve(
     })
 }
 
+/// Tells that the watchdog has restarted the board, if it has.
+fn tell_restarts(log: &dyn Log) {
+    let restarts = Timer::restarts();
+    if restarts > 0 {
+        log.tell(News::Restarted(restarts));
+    }
+}
+
+/// The sensors at the ports.
+fn camera<'l>(request: &Request, log: &'l dyn Log) -> Result<Dvp<'l>, Refusal> {
+    let camera = Dvp::start(request.geometry, log);
+    camera.ok_or(Refusal(
+        "the camera's lines are not of this format or length",
+    ))
+}
+
 /// Builds the matcher. Not inlined, so that its stack is free again while frames are matched.
 #[inline(never)]
 fn matcher<'m, K: Kernels>(
@@ -146,7 +216,6 @@ fn matcher<'m, K: Kernels>(
     kernels: K,
     memory: &'m mut [u32],
 ) -> Result<Matcher<'m, K>, Refusal> {
-    // Of the preset that is known here: the code of others is left out.
     let config = Config {
         colour: false,
         ..Config::new(PRESET.parameters(), request.width(), request.disparities)

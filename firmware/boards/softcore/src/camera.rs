@@ -3,12 +3,12 @@
 use vgstereo_firmware::camera::{ErrorKind, ErrorType, Geometry, LinePair, LinePairSource};
 
 use crate::clock::{CLOCK_MHZ, now_us, span_us};
+use crate::news::Log;
 use crate::registers::{
     CAMERA_CONTROL, CAMERA_CYCLES, CAMERA_ENDED, CAMERA_LEVEL, CAMERA_LIMIT, CAMERA_PIXELS,
     CAMERA_PLACE, CAMERA_ROOM, CAMERA_STATUS, LineBytes,
 };
 use crate::sensors::Sensors;
-use crate::sink::Sender;
 
 // Bits of the status.
 const READY: u32 = 1 << 0;
@@ -19,8 +19,8 @@ const SKEWED: u32 = 1 << 3;
 const RELEASE: u32 = 1 << 0;
 const RESTART: u32 = 1 << 1;
 
-/// The longest wait for a pair, µs: longer than the gap between two frames.
-const LONGEST_WAIT_US: u32 = 200_000;
+/// The longest wait for a pair, µs: about the time of three frames.
+const LONGEST_WAIT_US: u32 = 100_000;
 
 /// Cycles in which a sensor sends a pixel at the least: two bytes, at half the system's clock. Lines that belong together
 /// end within half a line.
@@ -59,8 +59,8 @@ fn ended_us() -> u64 {
 ///
 /// Sensors that are not set up are, before a pair is read: at the start, and when no pair came or the step was lost, and
 /// they do not say that they still are.
-pub(crate) struct Dvp<'s, 'm> {
-    sensors: Sensors<'s, 'm>,
+pub(crate) struct Dvp<'l> {
+    sensors: Sensors<'l>,
     geometry: Geometry,
     /// The number of the frame that came last; the port's has 16 bits.
     frame: u32,
@@ -72,10 +72,10 @@ pub(crate) struct Dvp<'s, 'm> {
     delivered: Option<Place>,
 }
 
-impl<'s, 'm> Dvp<'s, 'm> {
+impl<'l> Dvp<'l> {
     /// The ports, for lines of grey pixels. None if the lines are longer than the port's, or no window of the sensors
     /// has this size.
-    pub(crate) fn start(geometry: Geometry, sender: &'s Sender<'m>) -> Option<Self> {
+    pub(crate) fn start(geometry: Geometry, log: &'l dyn Log) -> Option<Self> {
         let room = CAMERA_ROOM.read();
         let (lines, line_bytes) = (room >> 16, room & 0xffff);
         if geometry.line_bytes() > line_bytes as usize || !geometry.format.is_grey() {
@@ -84,7 +84,7 @@ impl<'s, 'm> Dvp<'s, 'm> {
         CAMERA_LEVEL.write(lines.saturating_sub(geometry.height));
         CAMERA_LIMIT.write(u32::from(geometry.width) / 2 * LEAST_PIXEL_CYCLES);
         Some(Self {
-            sensors: Sensors::new(&geometry, sender)?,
+            sensors: Sensors::new(&geometry, log)?,
             geometry,
             frame: u32::MAX,
             is_told: false,
@@ -93,18 +93,16 @@ impl<'s, 'm> Dvp<'s, 'm> {
         })
     }
 
-    /// Waits for a pair, or for what the port has to tell, and returns its status.
-    fn wait(&self) -> Option<u32> {
-        let begun_us = span_us();
-        loop {
+    /// Waits for a pair, or for what the port has to tell, and returns its status; `None` if the wait that has begun at
+    /// this time ends without.
+    fn wait(&self, begun_us: u32) -> Option<u32> {
+        while span_us().wrapping_sub(begun_us) <= LONGEST_WAIT_US {
             let status = CAMERA_STATUS.read();
             if status & (READY | WITHOUT_PARTNER) != 0 {
                 return Some(status);
             }
-            if span_us().wrapping_sub(begun_us) > LONGEST_WAIT_US {
-                return None;
-            }
         }
+        None
     }
 
     /// Begins anew after an error that may come of a sensor that is not set up any more.
@@ -146,11 +144,11 @@ impl<'s, 'm> Dvp<'s, 'm> {
     }
 }
 
-impl ErrorType for Dvp<'_, '_> {
+impl ErrorType for Dvp<'_> {
     type Error = ErrorKind;
 }
 
-impl LinePairSource for Dvp<'_, '_> {
+impl LinePairSource for Dvp<'_> {
     fn geometry(&self) -> Geometry {
         self.geometry
     }
@@ -165,8 +163,9 @@ impl LinePairSource for Dvp<'_, '_> {
         if self.sensors.make_ready()? {
             self.restart();
         }
+        let begun_us = span_us();
         loop {
-            let Some(status) = self.wait() else {
+            let Some(status) = self.wait(begun_us) else {
                 return Err(self.lost(ErrorKind::Timeout));
             };
             if status & WITHOUT_PARTNER != 0 {
@@ -176,6 +175,17 @@ impl LinePairSource for Dvp<'_, '_> {
             if let Some(kind) = self.fault(status, place) {
                 self.is_told = true;
                 return Err(kind);
+            }
+            if place.line >= height {
+                // No line, or those of a frame of which neither sensor has told the beginning: the first is told, and
+                // none is of use.
+                CAMERA_CONTROL.write(RELEASE);
+                self.last = Some(place);
+                self.is_told = false;
+                if place.line == height {
+                    return Err(ErrorKind::SyncLost);
+                }
+                continue;
             }
             let pixels = CAMERA_PIXELS.read();
             let (left_pixels, right_pixels) = (pixels & 0xffff, pixels >> 16);
@@ -192,11 +202,6 @@ impl LinePairSource for Dvp<'_, '_> {
             if is_short {
                 CAMERA_CONTROL.write(RELEASE);
                 return Err(ErrorKind::ShortLine);
-            }
-            if place.line >= height {
-                // Lines below the frame are of no use.
-                CAMERA_CONTROL.write(RELEASE);
-                continue;
             }
             LineBytes::Left.copy(left);
             LineBytes::Right.copy(right);

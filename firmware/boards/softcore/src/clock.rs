@@ -4,7 +4,7 @@ use embedded_hal::delay::DelayNs;
 use vgstereo_emulated::meter::Counter;
 use vgstereo_firmware::Watchdog;
 
-use crate::registers::{TIME_HIGH_US, TIME_LOW_US, WATCHDOG_US};
+use crate::registers::{TIME_HIGH_US, TIME_LOW_US, WATCHDOG_RESETS, WATCHDOG_US};
 
 /// Cycles of a microsecond, as `rtl/soc.sv` has them.
 pub(crate) const CLOCK_MHZ: u32 = 48;
@@ -50,14 +50,19 @@ impl Counter for Cycles {
     }
 }
 
-/// Time-out of the watchdog, µs: longer than a frame of any preset takes, with the waits for a camera
-/// that has failed once.
-const TIME_OUT_US: u32 = 20_000_000;
+/// Time-out of the watchdog, µs: longer than six faults in a row take, each with the longest wait for a pair and a frame of
+/// the sensors.
+const TIME_OUT_US: u32 = 1_000_000;
 
 /// The watchdog of the timer.
 pub(crate) struct Timer(());
 
 impl Timer {
+    /// Number of times that the watchdog has restarted the board since that has its power, or was reset.
+    pub(crate) fn restarts() -> u32 {
+        WATCHDOG_RESETS.read()
+    }
+
     /// Starts the watchdog. Nothing stops it but a reset.
     pub(crate) fn start() -> Self {
         feed();

@@ -1,34 +1,40 @@
 //! The kernels of the preset that this firmware is for, all of them code.
 
 use vgstereo_core::Portable;
+// `lite` uses none of these, and the reference has the same results and takes the least room: block RAM is short.
+#[cfg(feature = "lite")]
+use vgstereo_core::Portable as Others;
 use vgstereo_core::forward_kernels;
 use vgstereo_core::kernel::{CostRun, Kernels};
 #[cfg(feature = "vexriscv")]
 use vgstereo_kernels::Rv32Bytes as Processor;
 #[cfg(feature = "cv32e40p")]
 use vgstereo_kernels::Rv32Xpulp as Processor;
+#[cfg(feature = "micro")]
+use Processor as Others;
 
 use crate::board::BoardKernels;
 
-/// The kernel set of the processor, for `lite`. What that does not use is the reference, which has the same results and takes
-/// the least room: block RAM is short.
+/// The kernel set of the processor.
 #[derive(Clone, Copy)]
-pub(crate) struct LiteKernels;
+pub(crate) struct PlainKernels;
 
-impl Kernels for LiteKernels {
+impl Kernels for PlainKernels {
     const FUSES_SELECTION: bool = Processor::FUSES_SELECTION;
 
     forward_kernels!(set => &Processor; luma_row, channel_row, convert_row, smooth_row, pack_cells, penalty_row,
         aggregate_paths, select_row, aggregate_row, rivals_row, check_row, median9_row);
-    forward_kernels!(set => &Portable; resample_row, mask_block, recall_row, arms_row, weighted_median_row);
+    forward_kernels!(set => &Others; mask_block, arms_row, weighted_median_row);
+    // Of what is here for every preset.
+    forward_kernels!(set => &Portable; resample_row, recall_row);
 
     #[inline]
     fn cost_run(&self, run: &CostRun<'_>, costs: &mut [u8]) {
-        Processor.cost_run_or(&Portable, run, costs);
+        Processor.cost_run_or(&Others, run, costs);
     }
 }
 
-impl BoardKernels for LiteKernels {
+impl BoardKernels for PlainKernels {
     fn fit(&self, _: usize, _: usize) -> bool {
         true
     }

@@ -6,6 +6,7 @@ mod board;
 mod camera;
 mod clock;
 mod i2c;
+mod news;
 mod processor;
 mod registers;
 mod sensors;

@@ -7,6 +7,7 @@ mod camera;
 mod clock;
 mod i2c;
 mod kernels;
+mod news;
 mod processor;
 mod registers;
 mod sensors;
@@ -17,5 +18,5 @@ use riscv_rt::entry;
 
 #[entry]
 fn main() -> ! {
-    board::run(kernels::LiteKernels)
+    board::run(kernels::PlainKernels)
 }

@@ -3,8 +3,6 @@
 //! They have one clock, one reset, and take each write at the same time, so that they begin their frames together.
 //! Neither can follow the other: that they are in step is what the ports compare.
 
-use core::fmt::{self, Write};
-
 use embedded_hal::delay::DelayNs;
 use vgstereo_firmware::camera::{Error, ErrorKind, Geometry};
 use vgstereo_firmware::sensors::ov7670::{self, Ov7670};
@@ -15,8 +13,8 @@ use vgstereo_firmware::sensors::{
 use crate::board::{LED_LEFT_SENSOR, LEDS_RUNNING};
 use crate::clock::{self, Delay};
 use crate::i2c::{BusError, ResetPin, SensorBus};
+use crate::news::{Log, News, Problem};
 use crate::registers::LEDS;
-use crate::sink::Sender;
 
 /// Clock that is fed to the sensors.
 const CLOCK_HZ: u32 = 24_000_000;
@@ -29,22 +27,20 @@ const EXPOSURE_US: u32 = 30_000;
 /// Time between two attempts to set up sensors of which one does not answer.
 const RETRY_US: u32 = 50_000;
 
-type Problem = SensorError<BusError>;
-
 /// Both sensors.
-pub(crate) struct Sensors<'s, 'm> {
+pub(crate) struct Sensors<'l> {
     both: Ov7670<SensorBus>,
     settings: SensorSettings,
-    sender: &'s Sender<'m>,
+    log: &'l dyn Log,
     /// Whether they were set up and have answered since.
     are_up: bool,
     /// The problem that the log has named last; `None` if the sensors have been set up since.
     told: Option<Problem>,
 }
 
-impl<'s, 'm> Sensors<'s, 'm> {
+impl<'l> Sensors<'l> {
     /// The sensors, which are not set up yet. None if they have no window of this size.
-    pub(crate) fn new(geometry: &Geometry, sender: &'s Sender<'m>) -> Option<Self> {
+    pub(crate) fn new(geometry: &Geometry, log: &'l dyn Log) -> Option<Self> {
         const FULL: Window = ov7670::FULL_WINDOW;
         const FACTOR: u16 = Binning::Two.factor();
         let (width_px, height_px) = (
@@ -74,7 +70,7 @@ impl<'s, 'm> Sensors<'s, 'm> {
                 sync: FrameSync::FreeRunning,
                 test_pattern: TestPattern::Off,
             },
-            sender,
+            log,
             are_up: false,
             told: None,
         })
@@ -119,24 +115,7 @@ impl<'s, 'm> Sensors<'s, 'm> {
         LEDS.write(LEDS_RUNNING | missing << LED_LEFT_SENSOR);
         if self.told != problem {
             self.told = problem;
-            // The line is long enough for each.
-            let _ = writeln!(self.sender.text(), "{}", Told(problem));
-        }
-    }
-}
-
-/// A problem in few words.
-struct Told(Option<Problem>);
-
-impl fmt::Display for Told {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.0 {
-            None => f.write_str("both sensors are set up"),
-            Some(SensorError::Nack(error) | SensorError::Bus(error)) => error.fmt(f),
-            Some(SensorError::WrongChip { found, .. }) => {
-                write!(f, "the sensors are another chip: {found:#06x}")
-            }
-            Some(_) => f.write_str("the sensors cannot be set up like that"),
+            self.log.tell(News::Sensors(problem));
         }
     }
 }

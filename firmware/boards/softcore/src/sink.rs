@@ -14,6 +14,7 @@ use vgstereo_link::{
 };
 
 use crate::clock::{Cycles, now_us};
+use crate::news::{Log, News};
 use crate::uart::SerialPort;
 
 /// Columns of the longest line.
@@ -69,6 +70,13 @@ impl<'m> Sender<'m> {
             line: [0; 64],
             length: 0,
         }
+    }
+}
+
+impl Log for Sender<'_> {
+    fn tell(&self, news: News) {
+        // The line is long enough for each.
+        let _ = writeln!(self.text(), "{news}");
     }
 }
 

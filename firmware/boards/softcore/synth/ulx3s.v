@@ -66,5 +66,5 @@ module ulx3s (
       .right_pclk(right_pclk), .right_vsync(right_vsync), .right_href(right_href), .right_d(right_d),
       .scl_low(scl_low), .left_sda_low(left_sda_low), .right_sda_low(right_sda_low),
       .scl(scl_in), .left_sda(left_sda_in), .right_sda(right_sda_in),
-      .camera_has_room(), .camera_may_begin(), .bus_fault());
+      .camera_has_room(), .camera_may_begin(), .camera_wait_alone(), .bus_fault());
 endmodule

@@ -46,7 +46,7 @@ const CASES: [(Board, u32, u32, u16, &[Preset]); 7] = [
     ),
     (RISCV_VIRT, 320, 240, 48, &[Preset::Lite, Preset::Micro]),
     (RISCV_VIRT_ZBB, 320, 240, 48, &[Preset::Lite, Preset::Micro]),
-    (SOFTCORE, 160, 120, 32, &[Preset::Lite]),
+    (SOFTCORE, 160, 120, 32, &[Preset::Lite, Preset::Micro]),
 ];
 
 /// The case that is run once more with raw lines, which are rectified first by resampling both views, and

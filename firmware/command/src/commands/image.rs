@@ -5,14 +5,14 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use clap::Args;
-use vgstereo_core::Preset;
+use vgstereo_emulated::Request;
 
 use super::images::Calibration;
-use super::selection::Selection;
+use super::selection::{Alone, Selection};
 use crate::board::Board;
 use crate::build::build;
 use crate::pair::Pair;
-use crate::simulation;
+use crate::simulation::write_images;
 use crate::toolchain::ensure_complete;
 
 /// Columns, lines and disparities of the frames.
@@ -24,11 +24,14 @@ pub struct Image {
     /// Folder for code.hex and data.hex, a line for each word.
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
-    /// Whole frames of 160x120 px and 32 disparities to match; as good as for ever without this option.
-    #[arg(long, value_name = "N", default_value_t = u32::MAX, hide_default_value = true)]
-    frames: u32,
+    /// Whole frames of 160x120 px and 32 disparities to match. Without this option the board sends frames for ever and
+    /// takes the commands of the link.
+    #[arg(long, value_name = "N")]
+    frames: Option<u32>,
     #[command(flatten)]
     calibration: Calibration,
+    #[command(flatten)]
+    alone: Alone,
     #[command(flatten)]
     selection: Selection,
 }
@@ -40,19 +43,28 @@ impl Image {
     /// Fails with one line that says what is missing, does not build or cannot be written, or that the board has no
     /// such memories.
     pub fn run(self) -> Result<String> {
-        let mut boards = self.selection.boards().into_iter();
-        let board = boards.find(|board: &Board| board.simulation.is_some());
-        let board = board.context("the board's memories are not those of an FPGA")?;
+        let boards = self.alone.of(self.selection.boards())?;
+        let simulated = boards
+            .into_iter()
+            .find_map(|board: Board| Some((board, board.simulation?)));
+        let (board, simulation) =
+            simulated.context("the board's memories are not those of an FPGA")?;
         ensure_complete(&[board])?;
         let (width, height, disparities) = FRAME;
         let calibrated = self.calibration.pair(Some((width, height)), disparities)?;
         let pair = calibrated.unwrap_or_else(|| Pair::rendered(width, height, disparities));
-        let request = pair.request(Preset::Lite, self.frames, &[])?;
+        let request = match self.frames {
+            Some(frames) => pair.request(simulation.preset, frames, &[])?,
+            None => Request {
+                camera: None,
+                ..pair.live_request(simulation.preset, &[])?
+            },
+        };
         fs::create_dir_all(&self.out)
             .with_context(|| format!("cannot write {}", self.out.display()))?;
         let rectification = pair.rectification.as_deref();
         let firmware = build(&board)?;
-        simulation::write_images(&board, &firmware, &request, rectification, &self.out)?;
+        write_images(&board, &firmware, &request, rectification, &self.out)?;
         Ok(format!("{}\n", self.out.display()))
     }
 }

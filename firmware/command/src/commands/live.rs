@@ -11,13 +11,14 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 use vgstereo_sim::terminal::write_output;
 
-use super::selection::parse_live_board;
+use super::selection::{SoftCore, parse_live_board};
 use super::source::{Source, ensure_fits};
 use crate::board::Board;
 use crate::bridge::Damage;
 use crate::build::build;
 use crate::live::{Link, LiveBoard};
 use crate::model;
+use crate::simulation::{self, Scenario};
 use crate::toolchain::ensure_complete;
 
 /// How often it is looked whether standard input is closed.
@@ -32,10 +33,12 @@ const LOOK: Duration = Duration::from_millis(100);
     live --board stm32f405 --listen 127.0.0.1:7878"
 )]
 pub struct Live {
-    /// The board: stm32f405, mps2-an500, mps3-an547, riscv-virt, riscv-virt-zbb, or stm32h743 on its model, which takes
-    /// some 15 s for a frame.
+    /// The board: stm32f405, mps2-an500, mps3-an547, riscv-virt, riscv-virt-zbb, stm32h743 on its model, or softcore in its
+    /// simulation. Either of the two takes some 15 s for a frame.
     #[arg(long, value_name = "B", value_parser = parse_live_board)]
     board: Board,
+    #[command(flatten)]
+    soft_core: SoftCore,
     #[command(flatten)]
     source: Source,
     /// Address at which the link is served; with port 0, a port that is free.
@@ -55,7 +58,7 @@ impl Live {
     /// # Errors
     /// Fails with one line that names the file or option and the reason.
     pub fn run(self) -> Result<String> {
-        let board = &self.board;
+        let board = &self.soft_core.applied(self.board);
         let pair = self.source.pair(board)?;
         let link = Link {
             address: self.listen,
@@ -76,6 +79,14 @@ impl Live {
             ensure_complete(&[*board])?;
             let (program, firmware) = (model::build(board)?, build(board)?);
             LiveBoard::modelled(board, &program, &firmware, &pair, link)?
+        } else if board.simulation.is_some() {
+            let board = &board.alone(preset)?;
+            let scenario = Scenario::of(&self.source.faults)?;
+            let request = pair.live_request(preset, &[])?;
+            simulation::ensure_built_for(board, &request)?;
+            ensure_complete(&[*board])?;
+            let (program, firmware) = (simulation::build(board)?, build(board)?);
+            LiveBoard::simulated(board, &program, &firmware, &pair, &request, &scenario, link)?
         } else {
             let request = pair.live_request(preset, &self.source.faults)?;
             request.config().validate()?;

@@ -70,6 +70,7 @@ impl Run {
             return self.run_modelled(&model, &pair, format);
         }
         if self.board.simulation.is_some() {
+            self.board = self.board.alone(self.source.preset)?;
             return self.run_simulated(&pair, format);
         }
         let mut request = pair.request(self.source.preset, self.frames, &self.source.faults)?;

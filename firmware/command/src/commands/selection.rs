@@ -10,7 +10,8 @@ use crate::toolchain::{ModelCompiler, Simulator};
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Alone {
     /// Build for this preset alone, lite or micro, in less flash: for lines of grey that are rectified, and 48
-    /// disparities. Of the boards, stm32f405 and mps2-an500 can be.
+    /// disparities. Of the boards, stm32f405 and mps2-an500 can be. The firmware of softcore is for one preset in any case:
+    /// lite, or without the stereo unit micro.
     #[arg(long, value_name = "P")]
     preset: Option<Preset>,
 }
@@ -176,7 +177,7 @@ pub fn parse_counted_board(name: &str) -> Result<Board, String> {
 /// Fails with one line when no board has the name or when it does not serve the link here.
 pub fn parse_live_board(name: &str) -> Result<Board, String> {
     let board = parse_board(name)?;
-    if board.model.is_none() {
+    if board.model.is_none() && board.simulation.is_none() {
         board.emulation().map_err(|error| error.to_string())?;
     }
     Ok(board)

@@ -34,8 +34,8 @@ const SCENES: [&str; 4] = ["tsukuba", "venus", "teddy", "cones"];
     in grey and half as large on a small board, whole and in colour on the others.\n\nThe real \
     board runs the firmware that is flashed on a model of its chip: one frame of the built-in \
     scene. It is left out where the model cannot be built, unless it is named.\n\nThe soft core's RTL is simulated \
-    with its firmware, camera pins to serial port: lite on one frame of the built-in scene, which takes \
-    minutes, or with --lines on a part of it. It is left out where Verilator or its processor is missing.\n\nWith images or \
+    with its firmware, camera pins to serial port: lite, or what --preset names, on one frame of the built-in scene, \
+    which takes minutes, or with --lines on a part of it. It is left out where Verilator or its processor is missing.\n\nWith images or \
     a calibration, that pair alone, in grey: on the emulated boards, and on the real one and the soft core if it is \
     named.\n\nExample: cargo firmware verify --board stm32f405 --left left.png --right right.png \
     --calibration cal.yaml"

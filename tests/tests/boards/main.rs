@@ -6,7 +6,10 @@
 //! A board is tested if its compiler and emulator are installed (`cargo firmware setup`); otherwise its
 //! tests are listed as ignored. So are those on the model of a chip, and of boards that are built for one preset, which
 //! take minutes to build; of the variants of another board; of stereo units of other widths than the board's, of what
-//! comes to the pins of the board without one, and of the board with another processor: `-- --include-ignored stm32h743`, to name some, runs those as well.
+//! comes to the pins of the board without one, of all that can, and of the board with another processor:
+//! `-- --include-ignored stm32h743`, to name some, runs those as well.
+
+mod pins;
 
 use std::io::Write;
 use std::process::{Command, Stdio};
@@ -26,7 +29,6 @@ use vgstereo_boards::stereo_unit::SimulatedUnit;
 use vgstereo_boards::toolchain::Simulator;
 use vgstereo_boards::{host, model, panics, simulation, stack, toolchain};
 use vgstereo_core::{INVALID, Kernels, Portable, Preset};
-use vgstereo_firmware::Statistics;
 use vgstereo_firmware::camera::{ErrorKind, PixelFormat};
 use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
 use vgstereo_kernels::cases::{
@@ -75,15 +77,45 @@ const MODEL_TESTS: [(&str, BoardTest); 7] = [
     ("hung_bus", restarts_when_a_bus_hangs),
 ];
 
-/// Tests of each board in RTL, with its stereo unit, without, and with another processor, and whether each runs it: then it
-/// is ignored if the RTL cannot be simulated, and without the unit, as what is at the pins is the same. With another
-/// processor, of whose firmware all has to be built, all are.
-const SIMULATION_TESTS: [(&str, BoardTest, bool); 5] = [
-    ("panics", no_panic_in_the_pipeline, false),
-    ("memory", within_its_block_ram, false),
-    ("pins", exact_under_every_fault_at_the_pins, true),
-    ("overrun", exact_when_lines_come_too_fast, true),
-    ("sensors", sets_both_sensors_up_and_again, true),
+/// What a test of a board in RTL needs.
+#[derive(Clone, Copy, PartialEq)]
+enum Needs {
+    /// Its firmware.
+    Firmware,
+    /// Its firmware, and its RTL as a program: ignored if that cannot be simulated.
+    Simulation,
+    /// As well minutes: ignored unless it is asked for.
+    Minutes,
+}
+
+/// Tests of each board in RTL, with its stereo unit, without, and with another processor. Those that run it are ignored
+/// without the unit, as what is at the pins is the same. With another processor or preset, of whose firmware all has to be
+/// built, all are.
+const SIMULATION_TESTS: [(&str, BoardTest, Needs); 8] = [
+    ("panics", no_panic_in_the_pipeline, Needs::Firmware),
+    ("memory", within_its_block_ram, Needs::Firmware),
+    ("pins", pins::exact_under_faults, Needs::Simulation),
+    ("all_pins", pins::exact_under_all_faults, Needs::Minutes),
+    (
+        "watchdog",
+        pins::restarts_when_the_sensors_hang,
+        Needs::Minutes,
+    ),
+    (
+        "free_running",
+        pins::exact_when_frames_come_too_fast,
+        Needs::Simulation,
+    ),
+    (
+        "overrun",
+        pins::exact_when_lines_come_too_fast,
+        Needs::Simulation,
+    ),
+    (
+        "sensors",
+        pins::sets_both_sensors_up_and_again,
+        Needs::Simulation,
+    ),
 ];
 
 fn main() {
@@ -103,10 +135,15 @@ fn main() {
     for (board, suffix, is_built, is_run) in Board::simulated().flat_map(simulated_variants) {
         let unbuilt = !is_built || toolchain::ensure_complete(&[board]).is_err();
         let unsimulated = !is_run || Simulator::find(Processor::VexRiscv).is_err();
-        for (name, test, runs) in SIMULATION_TESTS {
+        for (name, test, needs) in SIMULATION_TESTS {
             let name = format!("{}{suffix}::{name}", board.program());
             let trial = Trial::test(name, move || test(&board));
-            trials.push(trial.with_ignored_flag(unbuilt || (runs && unsimulated)));
+            let is_ignored = match needs {
+                Needs::Firmware => unbuilt,
+                Needs::Simulation => unbuilt || unsimulated,
+                Needs::Minutes => true,
+            };
+            trials.push(trial.with_ignored_flag(is_ignored));
         }
     }
     for board in Board::real() {
@@ -143,16 +180,19 @@ fn main() {
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }
 
-/// A board in RTL with its stereo unit, without, and without and with another processor: what comes after the name of the
-/// program in the names of its tests, and whether it is built and run without being asked for.
-fn simulated_variants(board: Board) -> [(Board, &'static str, bool, bool); 3] {
+/// A board in RTL with its stereo unit, without, and without and with another preset or another processor: what comes after
+/// the name of the program in the names of its tests, and whether it is built and run without being asked for.
+fn simulated_variants(board: Board) -> Vec<(Board, &'static str, bool, bool)> {
     let plain = board.with_unit(0);
     let other = plain.with_processor(Processor::Cv32e40p);
-    [
+    let micro = plain.alone(Preset::Micro).ok();
+    let mut variants = vec![
         (board, "", true, true),
         (plain, "", true, false),
         (other, "-cv32e40p", false, false),
-    ]
+    ];
+    variants.extend(micro.map(|micro| (micro, "-micro", false, false)));
+    variants
 }
 
 /// The built-in scene, with more lines than all stages together look ahead.
@@ -411,9 +451,11 @@ fn within_its_block_ram(board: &Board) -> Result<(), Failed> {
         let bytes = statics_bytes + deepest_bytes;
         assert!(bytes <= RAM_BYTES, "{bytes} bytes");
     }
-    // The lines for which its ports have room.
-    let pair = Pair::rendered(160, 120, 32);
-    let request = pair.request(Preset::Lite, 1, &[]).map_err(text)?;
+    // The lines for which its ports have room, raw.
+    let preset = board.simulation.ok_or("the board is simulated")?.preset;
+    let pair = Pair::crooked(160, 120, 32, true).map_err(text)?;
+    let request = pair.request(preset, 1, &[]).map_err(text)?;
+    println!("{preset}: {} bytes", request.working_bytes());
     assert!(request.working_bytes() <= sizes.lent_bytes);
     Ok(())
 }
@@ -513,180 +555,6 @@ fn compare<C: Case>(case: &mut C, kernels: impl Kernels, task: &str) {
         case.output(),
         reference.output()
     );
-}
-
-/// Runs a board in RTL while its cameras fail, and asserts that each of so many whole frames, and no other, equals
-/// the host's.
-fn run_simulated(
-    board: &Board,
-    pair: &Pair,
-    scenario: &simulation::Scenario,
-    frames: u32,
-) -> Result<simulation::Ran, Failed> {
-    let (program, firmware) = (
-        simulation::build(board).map_err(text)?,
-        build(board).map_err(text)?,
-    );
-    let request = pair.request(Preset::Lite, frames, &[]).map_err(text)?;
-    let ran = simulation::run(board, &program, &firmware, pair, &request, scenario);
-    let ran = ran.map_err(text)?;
-    println!("{} cycles\n{}", ran.cycles, ran.report);
-    let (whole, _) = host::run(pair, &request).map_err(text)?;
-    let width = pair.left.width();
-    assert_eq!(host::first_difference(&ran.frames, &whole, width), None);
-    Ok(ran)
-}
-
-/// Every kind of fault at the pins in every other frame. The counters follow from what the pins did: `L` lines
-/// before the fault are matched, and the rest of the frame's `H` is lost.
-fn exact_under_every_fault_at_the_pins(board: &Board) -> Result<(), Failed> {
-    let mut pair = Pair::rendered(24, 16, 16);
-    pair.cut(10);
-    let height = pair.left.height();
-    let mut expected = Statistics::default();
-    let mut faults = Vec::new();
-    let script: [(&str, u32); 12] = [
-        ("short-line", 5),
-        ("short-line-left", 0),
-        ("short-line-right", height - 1),
-        ("lost-line", 7),
-        ("lost-line-right", 3),
-        ("joined-lines", 2),
-        ("joined-lines-left", 6),
-        ("early-frame", 8),
-        ("late-line-left", 4),
-        ("late-line-right", 0),
-        ("false-frame", 6),
-        ("stopped-clock", 1),
-    ];
-    for (index, (kind, line)) in (0..).zip(script) {
-        let frame = 2 * index + 1;
-        faults.push(format!("{frame}:{line}:{kind}"));
-        let matched = match kind {
-            // One line less, of which the numbers do not tell; a frame that is cut in two.
-            "lost-line" => height - 1,
-            "false-frame" => height,
-            _ => line,
-        };
-        let dropped = match kind {
-            "lost-line" => 1,
-            "false-frame" => height,
-            _ => height - line,
-        };
-        let frames_lost = if kind == "false-frame" { 2 } else { 1 };
-        let counter = match kind {
-            "short-line" | "short-line-left" | "short-line-right" => &mut expected.short_lines,
-            "lost-line" | "early-frame" | "false-frame" => &mut expected.short_frames,
-            "stopped-clock" => &mut expected.timeouts,
-            _ => &mut expected.sync_losses,
-        };
-        *counter += frames_lost;
-        expected.lines += matched;
-        expected.lines_dropped += dropped;
-        expected.frames_dropped += frames_lost;
-    }
-    // One before the first fault, and one after each.
-    expected.frames = script.len() as u32 + 1;
-    expected.lines += expected.frames * height;
-    let scenario = simulation::Scenario {
-        faults,
-        ..Default::default()
-    };
-    let ran = run_simulated(board, &pair, &scenario, expected.frames)?;
-    assert_eq!(ran.report.statistics, expected);
-    Ok(())
-}
-
-/// When the cameras do not wait, the ring takes as many lines as it has room for, and one for each that is read
-/// meanwhile. The frame ends there; the next one, for which they wait again, is whole.
-fn exact_when_lines_come_too_fast(board: &Board) -> Result<(), Failed> {
-    const RING_LINES: u32 = 128;
-    let pair = Pair::rendered(16, 160, 16);
-    let height = pair.left.height();
-    let scenario = simulation::Scenario {
-        faults: vec!["0:0:burst".to_owned()],
-        ..Default::default()
-    };
-    let ran = run_simulated(board, &pair, &scenario, 1)?;
-    let lines = ran.report.statistics.lines;
-    assert!((RING_LINES + height..2 * height).contains(&lines));
-    let mut expected = Statistics::default();
-    expected.frames = 1;
-    expected.frames_dropped = 1;
-    expected.lines = lines;
-    expected.lines_dropped = 2 * height - lines;
-    expected.overruns = 1;
-    assert_eq!(ran.report.statistics, expected);
-    assert_eq!(ran.sent.len(), 2);
-    Ok(())
-}
-
-/// The left sensor's SDA is held low at first, the right sensor gets its power late, and each is named; then both are set
-/// up. They lose it for a moment amid a frame, and are set up again. What the bus has written is what the data sheet asks for.
-fn sets_both_sensors_up_and_again(board: &Board) -> Result<(), Failed> {
-    // A window of 48x20 pixels in the middle, from column 296 and row 230 on, to which 168 and 12 are added. A line of 66
-    // us is 792 pixels of two clocks at 24 MHz, 784 and 8 dummy ones; 30 ms are 454 of them.
-    const SET_UP: [[u8; 2]; 31] = [
-        [0x12, 0x80], // COM7: reset
-        [0x12, 0x00], // COM7: YUV
-        [0x13, 0xc0], // COM8: none of AGC, AWB, AEC
-        [0x11, 0x80], // CLKRC: divided by 1
-        [0x6b, 0x0a], // DBLV: PLL bypassed
-        [0x3a, 0x04], // TSLB: Y first
-        [0x3d, 0x88], // COM13
-        [0x40, 0xc0], // COM15: 0x00 to 0xff
-        [0x0c, 0x04], // COM3: DCW enable
-        [0x3e, 0x19], // COM14: PCLK by 2
-        [0x70, 0x3a], // SCALING_XSC
-        [0x71, 0x35], // SCALING_YSC
-        [0x72, 0x11], // SCALING_DCWCTR: by 2
-        [0x73, 0xf1], // SCALING_PCLK_DIV: by 2
-        [0xa2, 0x02], // SCALING_PCLK_DELAY
-        [0x17, 0x3a], // HSTART: 464 = 58 * 8
-        [0x18, 0x40], // HSTOP: 512 = 64 * 8
-        [0x32, 0x80], // HREF
-        [0x19, 0x3c], // VSTRT: 242 = 60 * 4 + 2
-        [0x1a, 0x41], // VSTOP: 262 = 65 * 4 + 2
-        [0x03, 0x0a], // VREF
-        [0x2a, 0x00], // EXHCH
-        [0x2b, 0x08], // EXHCL
-        [0x92, 0x00], // DM_LNL
-        [0x93, 0x00], // DM_LNH
-        [0xb1, 0x04], // ABLC1: enabled
-        [0xb3, 0x80], // THL_ST
-        [0x00, 0x00], // GAIN: once
-        [0x07, 0x00], // AECHH
-        [0x10, 0x71], // AECH: 454 = 113 * 4 + 2
-        [0x04, 0x02], // COM1
-    ];
-    const LINES_BEFORE: u32 = 5;
-    let mut pair = Pair::rendered(24, 16, 16);
-    pair.cut(10);
-    let height = pair.left.height();
-    let mut expected = Statistics::default();
-    expected.bus_errors = 2;
-    expected.timeouts = 1;
-    expected.frames = 2;
-    expected.frames_dropped = 1;
-    expected.lines = 2 * height + LINES_BEFORE;
-    expected.lines_dropped = height - LINES_BEFORE;
-    let scenario = simulation::Scenario {
-        faults: vec![format!("1:{LINES_BEFORE}:lost-power")],
-        powered_us: [0, 80_000],
-        sda_held_us: [30_000, 0],
-        ..Default::default()
-    };
-    let ran = run_simulated(board, &pair, &scenario, expected.frames)?;
-    assert_eq!(ran.report.statistics, expected);
-    let twice = [SET_UP, SET_UP].concat();
-    assert_eq!(ran.sensor_writes, [twice.clone(), twice]);
-    let told = [
-        "left sensor: SDA is held low",
-        "right sensor: no acknowledgement",
-        "both sensors are set up",
-    ];
-    assert_eq!(ran.log[..3], told);
-    Ok(())
 }
 
 /// Runs a modelled board, and asserts that each frame that it calls done equals the host's, that
