@@ -2,6 +2,8 @@
 
 use vgstereo_core::Portable;
 // `lite` uses none of these, and the reference has the same results and takes the least room: block RAM is short.
+#[cfg(feature = "micro")]
+use Processor as Others;
 #[cfg(feature = "lite")]
 use vgstereo_core::Portable as Others;
 use vgstereo_core::forward_kernels;
@@ -10,8 +12,6 @@ use vgstereo_core::kernel::{CostRun, Kernels};
 use vgstereo_kernels::Rv32Bytes as Processor;
 #[cfg(feature = "cv32e40p")]
 use vgstereo_kernels::Rv32Xpulp as Processor;
-#[cfg(feature = "micro")]
-use Processor as Others;
 
 use crate::board::BoardKernels;
 
