@@ -10,6 +10,7 @@ pub mod python;
 
 use std::ops::Range;
 
+use libtest_mimic::Failed;
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_core::literal::GreyImage;
@@ -271,6 +272,12 @@ pub fn with_sgm(parameters: Parameters, change: impl FnOnce(&mut SgmParameters))
     };
     change(sgm);
     parameters
+}
+
+/// The failure of a test by this error, with all its causes.
+#[must_use]
+pub fn failed(error: anyhow::Error) -> Failed {
+    format!("{error:#}").into()
 }
 
 /// Right and wrong disparities that were found, percent of the pixels that are not occluded.

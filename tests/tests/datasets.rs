@@ -11,7 +11,7 @@ use vgstereo_core::Preset;
 use vgstereo_sim::dataset::load_scene;
 use vgstereo_sim::metrics::ByConfidence;
 use vgstereo_sim::prepared::Prepared;
-use vgstereo_tests::{Found, bad_percent_in, matched_with_and_without_doubt};
+use vgstereo_tests::{Found, bad_percent_in, failed, matched_with_and_without_doubt};
 
 /// Scenes, and the largest percentage of bad pixels, averaged over the three masks, with the preset
 /// `paper`. The bounds are the paper's own figures, with some allowance because its tables differ.
@@ -153,10 +153,6 @@ impl Measured {
             Err(format!("{tenths:.2?} does not fall").into())
         }
     }
-}
-
-fn failed(error: anyhow::Error) -> Failed {
-    format!("{error:#}").into()
 }
 
 /// Creates a test on the folder that an environment variable names, ignored if it is not set.

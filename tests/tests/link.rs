@@ -22,6 +22,7 @@ use vgstereo_sim::frame::Matched;
 use vgstereo_sim::prepared::Prepared;
 use vgstereo_sim::render::{RenderOptions, render};
 use vgstereo_sim::scene::Scene;
+use vgstereo_tests::failed;
 
 /// Bytes that a disparity in 1/16 px may take on average, packed.
 const BYTES_MAX: f64 = 0.6;
@@ -40,7 +41,7 @@ fn main() {
             let absent = folder.is_none();
             let teddy = Trial::test(format!("bytes::teddy::{preset}::{name}"), move || {
                 let folder = folder.unwrap_or_default().join("teddy");
-                let scene = load_scene(&folder).map_err(|error| format!("{error:#}"))?;
+                let scene = load_scene(&folder).map_err(failed)?;
                 is_packed(&scene, preset, output)
             });
             trials.push(teddy.with_ignored_flag(absent));

@@ -2,8 +2,8 @@
 //! what the host computes, they do what the host asks, hosts come and go, and damage is counted and passes.
 //!
 //! A board is tested if its compiler and emulator are installed (`cargo firmware setup`); otherwise its
-//! test is listed as ignored. So are those of the board in RTL, of the model of a chip, and of a board that differs from another in compiler
-//! flags alone: `-- --include-ignored` runs them as well.
+//! test is listed as ignored. So are those of the board in RTL, of the model of a chip, and of a board that differs from
+//! another in compiler flags alone: `-- --include-ignored` runs them as well.
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
@@ -33,6 +33,7 @@ use vgstereo_sim::link::attended::Attended;
 use vgstereo_sim::link::client::Memory;
 use vgstereo_sim::link::source::Source;
 use vgstereo_sim::link::upload::upload;
+use vgstereo_tests::failed;
 
 const WIDTH: usize = 64;
 const HEIGHT: usize = 40;
@@ -64,19 +65,19 @@ fn main() {
         let trial = Trial::test(name, move || serves_the_link(&board));
         trials.push(trial.with_ignored_flag(absent));
         let name = format!("{}::calibration", board.name);
-        let trial = Trial::test(name, move || takes_a_calibration(&board).map_err(text));
+        let trial = Trial::test(name, move || takes_a_calibration(&board).map_err(failed));
         trials.push(trial.with_ignored_flag(absent));
     }
     // What follows takes minutes, and is ignored unless it is asked for.
     for board in Board::simulated() {
         let name = format!("{}::calibration", board.name);
-        let trial = Trial::test(name, move || takes_commands_in_rtl(&board).map_err(text));
+        let trial = Trial::test(name, move || takes_commands_in_rtl(&board).map_err(failed));
         trials.push(trial.with_ignored_flag(true));
     }
     for board in Board::modelled() {
         let name = format!("{}::calibration", board.name);
         let trial = Trial::test(name, move || {
-            keeps_a_calibration_in_flash(&board).map_err(text)
+            keeps_a_calibration_in_flash(&board).map_err(failed)
         });
         trials.push(trial.with_ignored_flag(true));
     }
@@ -280,16 +281,16 @@ impl Client {
 }
 
 fn serves_the_link(board: &Board) -> Result<(), Failed> {
-    let firmware = build(board).map_err(text)?;
-    let scene = Scene::new().map_err(text)?;
+    let firmware = build(board).map_err(failed)?;
+    let scene = Scene::new().map_err(failed)?;
     let request = scene.pairs[0].live_request(Preset::Lite, &[]);
     let link = Link::local(Damage {
         dropped: vec![CUT, DROPPED],
         flipped: vec![FLIPPED],
     });
-    let request = request.map_err(text)?;
+    let request = request.map_err(failed)?;
     let live = LiveBoard::emulated(board, &firmware, &scene.pairs, &request, link);
-    let live = live.map_err(text)?;
+    let live = live.map_err(failed)?;
 
     let mut first = Client::connect(live.address())?;
     damage_is_counted_and_passes(&mut first, &scene);
@@ -412,10 +413,6 @@ fn stops_and_starts(client: &mut Client) {
     }
     client.command(&HostMessage::Start);
     assert!(client.frame().is_done);
-}
-
-fn text(error: anyhow::Error) -> Failed {
-    format!("{error:#}").into()
 }
 
 /// Sends a calibration in pieces of so many bytes, and the number that it should end with.

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use glam::{DMat3, DVec2, DVec3};
-use libtest_mimic::{Arguments, Failed, Trial};
+use libtest_mimic::{Arguments, Trial};
 use serde::Deserialize;
 use vgstereo_core::geometry::{Interpolation, Rectification, Rectifier, ViewMap};
 use vgstereo_core::{Config, DisparityRange, INVALID, Output, Preset, Reference};
@@ -24,6 +24,7 @@ use vgstereo_sim::point_files::PointFormat;
 use vgstereo_sim::prepared::Prepared;
 use vgstereo_sim::rectify::rectified;
 use vgstereo_sim::views::Views;
+use vgstereo_tests::failed;
 
 /// The folders of pairs, with further files of the same calibration.
 const PAIRS: [(&str, &[&[&str]]); 10] = [
@@ -106,9 +107,7 @@ fn main() {
 fn trial(name: String, test: impl FnOnce(&Path) -> Result<()> + Send + 'static) -> Trial {
     let folder = std::env::var_os("UNRECTIFIED_DIR").map(PathBuf::from);
     let absent = folder.is_none();
-    let run = move || {
-        test(&folder.unwrap_or_default()).map_err(|error| Failed::from(format!("{error:#}")))
-    };
+    let run = move || test(&folder.unwrap_or_default()).map_err(failed);
     Trial::test(name, run).with_ignored_flag(absent)
 }
 

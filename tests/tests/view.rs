@@ -32,6 +32,7 @@ use vgstereo_link::{
 use vgstereo_sim::commands::CommandLine;
 use vgstereo_sim::pictures::colour_disparities;
 use vgstereo_tests::browser::{Browser, Page, chromium};
+use vgstereo_tests::failed;
 
 const WIDTH: u16 = 64;
 const HEIGHT: u32 = 48;
@@ -124,10 +125,10 @@ fn run(
     let mut browser = browser.lock().unwrap_or_else(PoisonError::into_inner);
     if browser.is_none() {
         let command = command.ok_or("there is no Chromium")?;
-        *browser = Some(Browser::start(command).map_err(|error| format!("{error:#}"))?);
+        *browser = Some(Browser::start(command).map_err(failed)?);
     }
     let browser = browser.as_mut().ok_or("there is no browser")?;
-    case(browser).map_err(|error| format!("{error:#}").into())
+    case(browser).map_err(failed)
 }
 
 /// Runs `vgstereo view` with these arguments, and returns the address of its page. It goes on until

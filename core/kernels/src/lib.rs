@@ -4,8 +4,8 @@
 //! Every set implements [`Kernels`](vgstereo_core::kernel::Kernels) and equals the reference,
 //! [`Portable`](vgstereo_core::kernel::Portable), bit for bit. [`Armv7em`], [`Rv32`], [`Rv32Bytes`] and [`Rv32Xpulp`] are
 //! for microcontrollers; the last three are not there where neither a RISC-V processor nor an operating system is. `Helium`
-//! is there where the compiler's flags name a processor with these instructions. [`NativeKernels`] is for programs that learn only at run time which
-//! instructions the processor has.
+//! is there where the compiler's flags name a processor with these instructions. [`NativeKernels`] is for programs that
+//! learn only at run time which instructions the processor has.
 //!
 //! Each folder holds the kernels of one instruction set; its files are named as those of
 //! `vgstereo_core::kernel`. Its `mod.rs` lists which kernels are the set's own and which it

@@ -71,6 +71,7 @@ impl Evidence {
                 }
             };
             let words = words.iter_mut().zip(costs);
+            // Of `lite`: in one pass.
             if inputs.count == 4 {
                 let plane = |byte| words_of(inputs, byte, first, lanes);
                 let counts = plane(0).zip(plane(1)).zip(plane(2).zip(plane(3)));

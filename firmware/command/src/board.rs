@@ -86,20 +86,13 @@ impl Simulation {
 
     /// Returns the packages that are compiled to be small rather than fast: the code has to fit the FPGA's memory. With the
     /// board's own package that of core is compiled that depends on the kernels.
-    #[must_use]
-    pub const fn small_packages(&self) -> &'static [&'static str] {
-        match self.preset {
-            Preset::Lite => &["vgstereo-emulated", "vgstereo-link", "libm", "postcard"],
-            _ => &[
-                "vgstereo-emulated",
-                "vgstereo-link",
-                "libm",
-                "postcard",
-                "vgstereo-firmware",
-                "vgstereo-core",
-                "softcore",
-            ],
-        }
+    pub fn small_packages(&self) -> impl Iterator<Item = &'static str> {
+        let always = ["vgstereo-emulated", "vgstereo-link", "libm", "postcard"];
+        let others: &[_] = match self.preset {
+            Preset::Lite => &[],
+            _ => &["vgstereo-firmware", "vgstereo-core", "softcore"],
+        };
+        always.into_iter().chain(others.iter().copied())
     }
 }
 

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
+use vgstereo_core::Preset;
 
 use crate::board::{Board, Simulation};
 use crate::toolchain::{Toolchain, root};
@@ -16,17 +17,16 @@ use crate::toolchain::{Toolchain, root};
 /// Fails when there is no compiler for the board or the firmware does not compile.
 pub fn build(board: &Board) -> Result<PathBuf> {
     let program = board.program();
-    let (preset, linked) = match (board.alone, board.simulation) {
-        (Some(preset), _) => {
-            let options = ["--no-default-features", "--features", preset.name()];
-            let linked = build_program(board, board.folder, program, "small", &options)?;
-            (preset, linked)
-        }
-        (None, Some(Simulation { preset, .. })) => {
-            let linked = build_program(board, board.folder, program, "release", &[])?;
-            (preset, linked)
-        }
-        (None, None) => return build_program(board, board.folder, program, "release", &[]),
+    let of_preset = |preset: Preset| ["--no-default-features", "--features", preset.name()];
+    let alone = board.alone.map(of_preset);
+    let (profile, options) = match &alone {
+        Some(options) => ("small", options.as_slice()),
+        None => ("release", [].as_slice()),
+    };
+    let linked = build_program(board, board.folder, program, profile, options)?;
+    let simulated = board.simulation.map(|simulation| simulation.preset);
+    let Some(preset) = board.alone.or(simulated) else {
+        return Ok(linked);
     };
     // The next build for another preset replaces the file.
     let kept = linked.with_file_name(format!("{program}-{preset}"));
@@ -222,10 +222,8 @@ fn configure(command: &mut Command, board: &Board, toolchain: &Toolchain, profil
     for variable in ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_BUILD_TARGET"] {
         command.env_remove(variable);
     }
-    let small = board
-        .simulation
-        .map(|simulation| simulation.small_packages());
-    for package in small.unwrap_or_default() {
+    let simulation = board.simulation.iter();
+    for package in simulation.flat_map(Simulation::small_packages) {
         let setting = format!("profile.release.package.{package}.opt-level=\"s\"");
         command.args(["--config", &setting]);
     }

@@ -1,5 +1,6 @@
 //! Boards that run until they are ended, with their serial port at a TCP port of this machine.
 
+use std::ffi::OsString;
 use std::fs::File;
 use std::io::{ErrorKind, Read, Seek, SeekFrom};
 use std::net::SocketAddr;
@@ -68,21 +69,16 @@ impl LiveBoard {
         let emulation = board.emulation()?;
         let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
         emulator::write_inputs(folder.path(), frames)?;
-        let start = |mut command: Command| {
-            command
-                .args(emulator::arguments(&emulation, firmware, request))
-                .args([
-                    "-chardev",
-                    "stdio,id=link,signal=off",
-                    "-serial",
-                    "chardev:link",
-                ])
-                // The board opens its files in this folder.
-                .current_dir(folder.path());
-            command
-        };
-        let live = Self::start(board.name, emulation.program, start, link)?;
-        live.began(folder)
+        let mut arguments = emulator::arguments(&emulation, firmware, request);
+        let link_port = [
+            "-chardev",
+            "stdio,id=link,signal=off",
+            "-serial",
+            "chardev:link",
+        ];
+        arguments.extend(link_port.map(OsString::from));
+        let program = emulation.program.as_ref();
+        Self::start(board.name, program, &arguments, folder, link)
     }
 
     /// Starts a real board's firmware on its model, of which `program` is the path. Its sensors send the
@@ -99,12 +95,9 @@ impl LiveBoard {
         link: Link,
     ) -> Result<Self> {
         let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
-        let inputs = model::inputs(firmware, pair, folder.path())?;
-        let start = |mut command: Command| {
-            command.args(&inputs).args(["--serial", "stdio"]);
-            command
-        };
-        Self::start(board.name, program, start, link)?.began(folder)
+        let mut arguments = model::inputs(firmware, pair, folder.path())?;
+        arguments.extend(["--serial", "stdio"].map(OsString::from));
+        Self::start(board.name, program, &arguments, folder, link)
     }
 
     /// Starts the firmware of a board in RTL with a request for the link, of which `program` is the simulation. Its sensors
@@ -124,31 +117,30 @@ impl LiveBoard {
     ) -> Result<Self> {
         let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
         let inputs = simulation::inputs(board, firmware, pair, request, scenario, folder.path())?;
-        let start = |mut command: Command| {
-            command.args(&inputs);
-            command
-        };
-        Self::start(board.name, program, start, link)?.began(folder)
+        Self::start(board.name, program, &inputs, folder, link)
     }
 
-    /// Starts a program with the board's serial port at its standard input and output.
+    /// Starts a program in the folder of its files, with the board's serial port at its standard input and output, and waits
+    /// until the board has begun to speak.
     fn start(
         name: &'static str,
-        program: impl AsRef<Path>,
-        configured: impl Fn(Command) -> Command,
+        program: &Path,
+        arguments: &[OsString],
+        folder: TempDir,
         link: Link,
     ) -> Result<Self> {
         let complaint = tempfile::tempfile().context("cannot make a temporary file")?;
-        let spawn = |command: Command| {
+        let spawn = |mut command: Command| {
             let stderr = complaint.try_clone()?;
-            configured(command)
+            command
+                .args(arguments)
+                .current_dir(folder.path())
                 .stdin(Stdio::piped())
                 .stdout(Stdio::piped())
                 .stderr(stderr)
                 .spawn()
         };
         let mut tied = Command::new("setpriv");
-        let program = program.as_ref();
         tied.args(["--pdeathsig", "KILL"]).arg(program);
         let spawned = match spawn(tied) {
             Err(error) if error.kind() == ErrorKind::NotFound => spawn(Command::new(program)),
@@ -160,12 +152,13 @@ impl LiveBoard {
             .context("the board has no serial port")
             .and_then(|(from, to)| Bridge::open(link.address, from, to, link.damage));
         match bridge {
-            Ok(bridge) => Ok(Self {
+            Ok(bridge) => Self {
                 name,
                 child,
                 bridge,
                 complaint,
-            }),
+            }
+            .began(folder),
             Err(error) => {
                 end(&mut child);
                 Err(error)

@@ -18,7 +18,7 @@ use crate::request::{CameraRequest, Refusal, Request};
 /// Streams that a board sends from its start, until the host selects others.
 const SELECTION: Selection = Selection::whole(Streams::DISPARITIES.with(Streams::CONFIDENCES));
 
-/// What a live board has besides its camera and its memory.
+/// A live board without its camera and its memory: its kernels, its port to the host, its watchdog, and its clock.
 pub struct Device<K, P, W> {
     /// The name that the host is told.
     pub name: &'static str,

@@ -18,7 +18,7 @@ pub struct Memories {
     pub link: &'static mut [u32],
     /// The matcher: less than it takes, where no more is left.
     pub matcher: &'static mut [u32],
-    /// What is left, if the board is not live.
+    /// All that the other parts do not take. Empty if the board is live.
     pub rest: &'static mut [u32],
 }
 

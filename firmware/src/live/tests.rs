@@ -582,7 +582,8 @@ fn faults_are_told_with_their_reason() {
     });
 }
 
-/// What the board has to say waits for the port, only the last of it, and faults neither delay nor replace it.
+/// A line that the board adds to the log waits until the port has room, and the next one replaces it meanwhile. Warnings of
+/// faults of the camera neither delay nor replace it.
 #[test]
 fn what_the_board_tells_comes_beside_the_faults() {
     let faults = [1, 2].map(|frame| ScriptedFault {

@@ -35,6 +35,7 @@ use vgstereo_kernels::cases::{
     Case, ConvertCase, Median9Case, PackCase, PenaltyCase, RowsCase, SmoothCase, below, generator,
 };
 use vgstereo_kernels::{StereoUnit, byte_instruction};
+use vgstereo_tests::failed;
 
 /// Limits of RAM: board, preset, columns, number of disparities, and KiB that statics, working
 /// memory and stack may take together.
@@ -77,14 +78,14 @@ const MODEL_TESTS: [(&str, BoardTest); 7] = [
     ("hung_bus", restarts_when_a_bus_hangs),
 ];
 
-/// What a test of a board in RTL needs.
+/// The parts of a board in RTL that a test builds, and whether it takes minutes.
 #[derive(Clone, Copy, PartialEq)]
 enum Needs {
     /// Its firmware.
     Firmware,
     /// Its firmware, and its RTL as a program: ignored if that cannot be simulated.
     Simulation,
-    /// As well minutes: ignored unless it is asked for.
+    /// Both, and minutes: ignored unless it is asked for.
     Minutes,
 }
 
@@ -203,7 +204,7 @@ fn small_pair() -> Pair {
 /// Raw lines, rectified on the board, in grey and in colour, with a fault between two frames; and the
 /// laser scan of each.
 fn same_bytes_of_raw_lines(board: &Board) -> Result<(), Failed> {
-    let firmware = build(board).map_err(text)?;
+    let firmware = build(board).map_err(failed)?;
     let fault = ScriptedFault {
         frame: 1,
         line: 20,
@@ -212,14 +213,14 @@ fn same_bytes_of_raw_lines(board: &Board) -> Result<(), Failed> {
     for format in [PixelFormat::Grey8, PixelFormat::Rgb888] {
         let pair = Pair {
             format,
-            ..Pair::crooked(64, 40, 16, true).map_err(text)?
+            ..Pair::crooked(64, 40, 16, true).map_err(failed)?
         };
         for preset in [Preset::Lite, Preset::Paper] {
-            let mut request = pair.request(preset, 2, &[fault]).map_err(text)?;
+            let mut request = pair.request(preset, 2, &[fault]).map_err(failed)?;
             request.scan = pair.scan();
             let ran = emulator::run(board, &firmware, &pair, &request, Clock::Host);
-            let (frames, report) = ran.map_err(text)?;
-            let (expected, statistics) = host::run(&pair, &request).map_err(text)?;
+            let (frames, report) = ran.map_err(failed)?;
+            let (expected, statistics) = host::run(&pair, &request).map_err(failed)?;
             assert_eq!(report.statistics, statistics, "{preset} {format:?}");
             assert_eq!(statistics.frames_dropped, 1);
             // Two scans of 60 bearings, each after two angles; something is seen.
@@ -242,28 +243,28 @@ fn alone_in_less_flash(board: &Board) -> Result<(), Failed> {
     let pair = Pair::rendered(320, 40, ALONE_DISPARITIES);
     for &preset in board.alone_presets {
         let alone = board.alone(preset)?;
-        let firmware = build(&alone).map_err(text)?;
-        let flash_bytes = Sizes::read(&firmware).map_err(text)?.flash_bytes;
+        let firmware = build(&alone).map_err(failed)?;
+        let flash_bytes = Sizes::read(&firmware).map_err(failed)?.flash_bytes;
         println!("{}: {flash_bytes} bytes of flash", alone.full_name());
         let (_, kib) = ALONE_FLASH_KIB
             .into_iter()
             .find(|of| of.0 == preset)
             .unwrap();
         assert!(flash_bytes <= kib * 1024, "{preset}: {flash_bytes} bytes");
-        let panics = panics::of_pipeline(&firmware).map_err(text)?;
+        let panics = panics::of_pipeline(&firmware).map_err(failed)?;
         assert!(panics.is_empty(), "{}", panics.join("\n"));
-        let request = pair.request(preset, 2, &[]).map_err(text)?;
+        let request = pair.request(preset, 2, &[]).map_err(failed)?;
         assert!(alone.is_built_for(&request), "{preset}");
         for other in Preset::ALL {
-            let request = pair.request(other, 2, &[]).map_err(text)?;
+            let request = pair.request(other, 2, &[]).map_err(failed)?;
             let ran = emulator::run(&alone, &firmware, &pair, &request, Clock::Host);
             if !alone.is_built_for(&request) {
                 let refusal = ran.unwrap_err().to_string();
                 assert!(refusal.contains("not built for this request"), "{refusal}");
                 continue;
             }
-            let (frames, report) = ran.map_err(text)?;
-            let (expected, statistics) = host::run(&pair, &request).map_err(text)?;
+            let (frames, report) = ran.map_err(failed)?;
+            let (expected, statistics) = host::run(&pair, &request).map_err(failed)?;
             assert_eq!(report.statistics, statistics, "{preset}");
             assert_eq!(
                 host::first_difference(&frames, &expected, 320),
@@ -278,12 +279,12 @@ fn alone_in_less_flash(board: &Board) -> Result<(), Failed> {
 
 /// Kernels whose instructions no host has are held to the reference on the board.
 fn every_kernel_equals_the_reference(board: &Board) -> Result<(), Failed> {
-    let program = build_suite(board).map_err(text)?;
-    emulator::run_suite(board, &program).map_err(text)
+    let program = build_suite(board).map_err(failed)?;
+    emulator::run_suite(board, &program).map_err(failed)
 }
 
 fn same_bytes_with_every_preset(board: &Board) -> Result<(), Failed> {
-    let firmware = build(board).map_err(text)?;
+    let firmware = build(board).map_err(failed)?;
     for format in [PixelFormat::Grey8, PixelFormat::Rgb888] {
         let pair = Pair {
             format,
@@ -291,11 +292,11 @@ fn same_bytes_with_every_preset(board: &Board) -> Result<(), Failed> {
         };
         let presets = Preset::ALL.into_iter().map(|preset| (preset, false));
         for (preset, hamming_alone) in presets.chain([(Preset::Lite, true)]) {
-            let mut request = pair.request(preset, 2, &[]).map_err(text)?;
+            let mut request = pair.request(preset, 2, &[]).map_err(failed)?;
             request.hamming_alone = hamming_alone;
             let ran = emulator::run(board, &firmware, &pair, &request, Clock::Host);
-            let (frames, report) = ran.map_err(text)?;
-            let (expected, statistics) = host::run(&pair, &request).map_err(text)?;
+            let (frames, report) = ran.map_err(failed)?;
+            let (expected, statistics) = host::run(&pair, &request).map_err(failed)?;
             assert_eq!(report.statistics, statistics, "{preset} {format:?}");
             let difference = host::first_difference(&frames, &expected, 64);
             assert_eq!(difference, None, "{preset} {format:?}");
@@ -341,17 +342,17 @@ fn exact_under_random_faults(board: &Board) -> Result<(), Failed> {
 /// Asserts that every complete frame equals the undisturbed one, and that the counters equal the
 /// host's.
 fn exact_under(board: &Board, script: &[ScriptedFault]) -> Result<(), Failed> {
-    let firmware = build(board).map_err(text)?;
+    let firmware = build(board).map_err(failed)?;
     let pair = small_pair();
     let run = |frames: u32, script: &[ScriptedFault]| {
         let request = pair.request(Preset::Lite, frames, script)?;
         let board = emulator::run(board, &firmware, &pair, &request, Clock::Host)?;
         anyhow::Ok((board, host::run(&pair, &request)?))
     };
-    let ((undisturbed, _), _) = run(1, &[]).map_err(text)?;
+    let ((undisturbed, _), _) = run(1, &[]).map_err(failed)?;
     // As many frames as are complete among the disturbed ones, and one after them.
     let frames = script.len() as u32 + 1;
-    let ((frames, report), (expected, statistics)) = run(frames, script).map_err(text)?;
+    let ((frames, report), (expected, statistics)) = run(frames, script).map_err(failed)?;
     assert_eq!(report.statistics, statistics, "{script:?}");
     assert!(statistics.frames_dropped > 0, "no fault has happened");
     assert_eq!(host::first_difference(&frames, &expected, 64), None);
@@ -364,12 +365,12 @@ fn exact_under(board: &Board, script: &[ScriptedFault]) -> Result<(), Failed> {
 
 /// With a camera whose frames always end too early, the board gives up and reports it.
 fn a_dead_camera_ends_the_run(board: &Board) -> Result<(), Failed> {
-    let firmware = build(board).map_err(text)?;
+    let firmware = build(board).map_err(failed)?;
     let pair = small_pair();
-    let mut request = pair.request(Preset::Lite, 1, &[]).map_err(text)?;
+    let mut request = pair.request(Preset::Lite, 1, &[]).map_err(failed)?;
     request.geometry.height += 1;
     let ran = emulator::run(board, &firmware, &pair, &request, Clock::Host);
-    let (frames, report) = ran.map_err(text)?;
+    let (frames, report) = ran.map_err(failed)?;
     assert!(frames.disparities.is_empty());
     let statistics = report.statistics;
     assert_eq!((statistics.frames, statistics.short_frames), (0, 4));
@@ -377,24 +378,24 @@ fn a_dead_camera_ends_the_run(board: &Board) -> Result<(), Failed> {
 }
 
 fn the_same_counts_in_every_run(board: &Board) -> Result<(), Failed> {
-    let firmware = build(board).map_err(text)?;
+    let firmware = build(board).map_err(failed)?;
     // With raw lines, every stage has instructions.
-    let pair = Pair::crooked(64, 40, 16, true).map_err(text)?;
-    let request = pair.request(Preset::Micro, 1, &[]).map_err(text)?;
+    let pair = Pair::crooked(64, 40, 16, true).map_err(failed)?;
+    let request = pair.request(Preset::Micro, 1, &[]).map_err(failed)?;
     let count = || emulator::run(board, &firmware, &pair, &request, Clock::Instructions);
-    let ((_, first), (_, second)) = (count().map_err(text)?, count().map_err(text)?);
+    let ((_, first), (_, second)) = (count().map_err(failed)?, count().map_err(failed)?);
     assert_eq!(first, second);
     assert!(first.instructions.iter().all(|&count| count > 0), "{first}");
     Ok(())
 }
 
 fn every_frame_is_logged(board: &Board) -> Result<(), Failed> {
-    let firmware = build(board).map_err(text)?;
+    let firmware = build(board).map_err(failed)?;
     let pair = small_pair();
     let fault = "1:10:overrun".parse().unwrap();
-    let request = pair.request(Preset::Lite, 2, &[fault]).map_err(text)?;
+    let request = pair.request(Preset::Lite, 2, &[fault]).map_err(failed)?;
     let ran = emulator::run_logged(board, &firmware, &pair, &request, Clock::Host);
-    let (_, _, log) = ran.map_err(text)?;
+    let (_, _, log) = ran.map_err(failed)?;
     // A frame has 40 lines; the second frame is lost from line 10 on.
     let lines = [
         "info frame 0: 40 lines so far, 0 dropped; 0 frames dropped",
@@ -405,16 +406,16 @@ fn every_frame_is_logged(board: &Board) -> Result<(), Failed> {
 }
 
 fn no_panic_in_the_pipeline(board: &Board) -> Result<(), Failed> {
-    let firmware = build(board).map_err(text)?;
-    let panics = panics::of_pipeline(&firmware).map_err(text)?;
+    let firmware = build(board).map_err(failed)?;
+    let panics = panics::of_pipeline(&firmware).map_err(failed)?;
     assert!(panics.is_empty(), "{}", panics.join("\n"));
     Ok(())
 }
 
 fn within_the_memory_promised(board: &Board) -> Result<(), Failed> {
-    let firmware = build(board).map_err(text)?;
-    let sizes = Sizes::read(&firmware).map_err(text)?;
-    let deepest_bytes = stack::deepest_bytes(&firmware).map_err(text)?;
+    let firmware = build(board).map_err(failed)?;
+    let sizes = Sizes::read(&firmware).map_err(failed)?;
+    let deepest_bytes = stack::deepest_bytes(&firmware).map_err(failed)?;
     // What is lent, the statics and the deepest stack, that of the link too, are in 128 KB.
     if let Some(deepest_bytes) = deepest_bytes.filter(|_| *board == STM32F405) {
         let bytes = sizes.statics_bytes + sizes.lent_bytes as u64 + deepest_bytes;
@@ -426,9 +427,9 @@ fn within_the_memory_promised(board: &Board) -> Result<(), Failed> {
         }
         // Memory does not depend on the height of the frame.
         let pair = Pair::rendered(width, 40, disparities);
-        let request = pair.request(preset, 1, &[]).map_err(text)?;
+        let request = pair.request(preset, 1, &[]).map_err(failed)?;
         let ran = emulator::run(board, &firmware, &pair, &request, Clock::Host);
-        let (_, report) = ran.map_err(text)?;
+        let (_, report) = ran.map_err(failed)?;
         let bytes =
             sizes.statics_bytes + u64::from(report.working_bytes) + u64::from(report.stack_bytes);
         println!("{} {preset} {width}x{disparities}: {bytes} bytes", of.name);
@@ -444,17 +445,17 @@ fn within_the_memory_promised(board: &Board) -> Result<(), Failed> {
 /// What the linker places in the data memory, what is lent, and the deepest stack are in it together.
 fn within_its_block_ram(board: &Board) -> Result<(), Failed> {
     const RAM_BYTES: u64 = 80 * 1024;
-    let firmware = build(board).map_err(text)?;
-    let sizes = Sizes::read(&firmware).map_err(text)?;
+    let firmware = build(board).map_err(failed)?;
+    let sizes = Sizes::read(&firmware).map_err(failed)?;
     let statics_bytes = sizes.statics_bytes + sizes.lent_bytes as u64;
-    if let Some(deepest_bytes) = stack::deepest_bytes(&firmware).map_err(text)? {
+    if let Some(deepest_bytes) = stack::deepest_bytes(&firmware).map_err(failed)? {
         let bytes = statics_bytes + deepest_bytes;
         assert!(bytes <= RAM_BYTES, "{bytes} bytes");
     }
     // The lines for which its ports have room, raw.
     let preset = board.simulation.ok_or("the board is simulated")?.preset;
-    let pair = Pair::crooked(160, 120, 32, true).map_err(text)?;
-    let request = pair.request(preset, 1, &[]).map_err(text)?;
+    let pair = Pair::crooked(160, 120, 32, true).map_err(failed)?;
+    let request = pair.request(preset, 1, &[]).map_err(failed)?;
     println!("{preset}: {} bytes", request.working_bytes());
     assert!(request.working_bytes() <= sizes.lent_bytes);
     Ok(())
@@ -464,7 +465,7 @@ fn within_its_block_ram(board: &Board) -> Result<(), Failed> {
 /// in which bytes at the ends of their range and equal ones are frequent.
 fn the_byte_instructions_equal_plain_code(board: &Board) -> Result<(), Failed> {
     const OPERANDS: usize = 400;
-    let program = simulation::build_instructions(board).map_err(text)?;
+    let program = simulation::build_instructions(board).map_err(failed)?;
     let random = &mut generator(1);
     let mut operand = || {
         let [any, ends] = [(); 2].map(|()| random.next_u32().to_le_bytes());
@@ -521,8 +522,8 @@ fn the_byte_instructions_equal_plain_code(board: &Board) -> Result<(), Failed> {
 /// Random tasks for the stereo unit alone, with as many costs in a cycle as it is built for.
 fn the_stereo_unit_equals_the_reference(board: &Board) -> Result<(), Failed> {
     const TASKS: u64 = 40;
-    let program = simulation::build_unit(board).map_err(text)?;
-    let simulated = SimulatedUnit::start(&program).map_err(text)?;
+    let program = simulation::build_unit(board).map_err(failed)?;
+    let simulated = SimulatedUnit::start(&program).map_err(failed)?;
     let unit = StereoUnit::new(&simulated);
     for seed in 0..TASKS {
         let random = &mut generator(seed);
@@ -565,12 +566,12 @@ fn run_modelled_restarted(
     restarts: usize,
 ) -> Result<Ran, Failed> {
     let built_for = board.model.ok_or("the board has a model")?;
-    let program = model::build(board).map_err(text)?;
-    let firmware = build(board).map_err(text)?;
+    let program = model::build(board).map_err(failed)?;
+    let firmware = build(board).map_err(failed)?;
     let pair = model::built_in_pair(&built_for);
-    let ran = model::run(&program, &firmware, &pair, scenario).map_err(text)?;
+    let ran = model::run(&program, &firmware, &pair, scenario).map_err(failed)?;
     println!("{:#?}\n{:#?}", ran.report, ran.log);
-    let expected = model::expected(&built_for, &pair).map_err(text)?;
+    let expected = model::expected(&built_for, &pair).map_err(failed)?;
     for frame in ran.frames.iter().filter(|frame| frame.is_whole) {
         assert!(
             frame.disparities == expected.disparities,
@@ -578,7 +579,7 @@ fn run_modelled_restarted(
             frame.number
         );
     }
-    ran.report.ensure_all_accesses_taken().map_err(text)?;
+    ran.report.ensure_all_accesses_taken().map_err(failed)?;
     let resets = &ran.report.resets;
     assert_eq!(resets.len(), restarts, "{resets:?}");
     Ok(ran)
@@ -608,25 +609,25 @@ fn logged(ran: &Ran, part: &str) -> usize {
 fn a_frame_of_raw_lines_as_on_the_host(board: &Board) -> Result<(), Failed> {
     let built_for = board.model.ok_or("the board has no model")?;
     let (program, firmware) = (
-        model::build(board).map_err(text)?,
-        build(board).map_err(text)?,
+        model::build(board).map_err(failed)?,
+        build(board).map_err(failed)?,
     );
     let scenario = Scenario {
         frames: 1,
         until_ms: 10_000,
         ..Scenario::default()
     };
-    let pair = Pair::crooked(320, 240, built_for.disparities, true).map_err(text)?;
-    let ran = model::run(&program, &firmware, &pair, &scenario).map_err(text)?;
-    ran.report.ensure_all_accesses_taken().map_err(text)?;
+    let pair = Pair::crooked(320, 240, built_for.disparities, true).map_err(failed)?;
+    let ran = model::run(&program, &firmware, &pair, &scenario).map_err(failed)?;
+    ran.report.ensure_all_accesses_taken().map_err(failed)?;
     assert_eq!(ran.report.resets, [""; 0]);
     assert_eq!(logged(&ran, "calibrated: "), 1);
-    let expected = model::expected(&built_for, &pair).map_err(text)?;
+    let expected = model::expected(&built_for, &pair).map_err(failed)?;
     let whole: Vec<_> = ran.frames.iter().filter(|frame| frame.is_whole).collect();
     assert_eq!(whole.len(), 1, "{:?}", ran.log);
     assert!(whole[0].disparities == expected.disparities);
 
-    let other = Pair::crooked(300, 240, built_for.disparities, true).map_err(text)?;
+    let other = Pair::crooked(300, 240, built_for.disparities, true).map_err(failed)?;
     let mistaken = Pair {
         rectification: other.rectification,
         ..model::built_in_pair(&built_for)
@@ -636,7 +637,7 @@ fn a_frame_of_raw_lines_as_on_the_host(board: &Board) -> Result<(), Failed> {
         until_ms: 100,
         ..Scenario::default()
     };
-    let ran = model::run(&program, &firmware, &mistaken, &scenario).map_err(text)?;
+    let ran = model::run(&program, &firmware, &mistaken, &scenario).map_err(failed)?;
     assert_eq!(logged(&ran, "the calibration is not used"), 1);
     assert_eq!(ran.report.resets, [""; 0]);
     Ok(())
@@ -792,8 +793,4 @@ fn restarts_when_a_bus_hangs(board: &Board) -> Result<(), Failed> {
     assert!(logged(&ran, "Bus(Timeout)") > 2);
     assert_eq!(ran.report.armed, [1, 1]);
     Ok(())
-}
-
-fn text(error: anyhow::Error) -> Failed {
-    format!("{error:#}").into()
 }

@@ -1,7 +1,7 @@
 //! Faults at the camera pins of a board in RTL, at every stage of a frame.
 //!
-//! What each costs follows from what is at the pins, and from the order in which the port and its driver look at it: not
-//! from the counters of either.
+//! The counters that a fault is expected to raise, and the frames that are expected to come whole, are derived from the
+//! signals at the pins, by hand for each kind of fault ([`cost`]).
 
 use libtest_mimic::Failed;
 use vgstereo_boards::board::Board;
@@ -10,8 +10,7 @@ use vgstereo_boards::host::{self, Frames};
 use vgstereo_boards::pair::Pair;
 use vgstereo_boards::simulation::{self, Ran, Scenario};
 use vgstereo_firmware::Statistics;
-
-use crate::text;
+use vgstereo_tests::failed;
 
 /// Lines of a frame: three more than the matcher looks ahead.
 const HEIGHT: u32 = 10;
@@ -300,16 +299,16 @@ fn run_simulated(
     frames: u32,
 ) -> Result<Ran, Failed> {
     let (program, firmware) = (
-        simulation::build(board).map_err(text)?,
-        build(board).map_err(text)?,
+        simulation::build(board).map_err(failed)?,
+        build(board).map_err(failed)?,
     );
     let preset = board.simulation.ok_or("the board is simulated")?.preset;
-    let request = pair.request(preset, frames, &[]).map_err(text)?;
+    let request = pair.request(preset, frames, &[]).map_err(failed)?;
     let ran = simulation::run(board, &program, &firmware, pair, &request, scenario);
-    let ran = ran.map_err(text)?;
+    let ran = ran.map_err(failed)?;
     println!("{} cycles\n{}", ran.cycles, ran.report);
-    let one = pair.request(preset, 1, &[]).map_err(text)?;
-    let (expected, _) = host::run(pair, &one).map_err(text)?;
+    let one = pair.request(preset, 1, &[]).map_err(failed)?;
+    let (expected, _) = host::run(pair, &one).map_err(failed)?;
     for frame in ran.sent.iter().filter(|frame| frame.is_whole) {
         let sent = Frames {
             disparities: frame.disparities.clone(),

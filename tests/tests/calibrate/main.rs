@@ -16,12 +16,13 @@ use std::sync::{Arc, OnceLock};
 use anyhow::{Context, Error, Result, ensure};
 use clap::Parser;
 use glam::DVec2;
-use libtest_mimic::{Arguments, Failed, Trial};
+use libtest_mimic::{Arguments, Trial};
 use tempfile::TempDir;
 use vgstereo_sim::calibration::{Lens, RectifiedPair, StereoCalibration, read};
 use vgstereo_sim::commands::CommandLine;
 use vgstereo_sim::terminal::Said;
 use vgstereo_tests::command::vgstereo;
+use vgstereo_tests::failed;
 use vgstereo_tests::python::{Outcome, Python};
 
 /// Pairs of real boards: the folder, the board and its squares; and options of `--check`: the files, and
@@ -132,7 +133,7 @@ fn trial(
     let is_absent = is_absent || python.is_none();
     let python = python.clone();
     let run = move || test(&python.context("there is no Python with OpenCV")?);
-    let run = move || run().map_err(|error| Failed::from(format!("{error:#}")));
+    let run = move || run().map_err(failed);
     Trial::test(name, run).with_ignored_flag(is_absent)
 }
 

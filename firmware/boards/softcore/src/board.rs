@@ -34,7 +34,7 @@ const PRESET: Preset = if cfg!(feature = "micro") {
     Preset::Lite
 };
 
-/// What this firmware is for: [`PRESET`] with lines of grey. The code for all else is left out.
+/// The scope of this firmware: matching with [`PRESET`], of lines of grey. Code that neither needs is not linked.
 #[derive(Clone, Copy)]
 struct Built;
 

@@ -1,11 +1,6 @@
 //! The kernels of the preset that this firmware is for, all of them code.
 
 use vgstereo_core::Portable;
-// `lite` uses none of these, and the reference has the same results and takes the least room: block RAM is short.
-#[cfg(feature = "micro")]
-use Processor as Others;
-#[cfg(feature = "lite")]
-use vgstereo_core::Portable as Others;
 use vgstereo_core::forward_kernels;
 use vgstereo_core::kernel::{CostRun, Kernels};
 #[cfg(feature = "vexriscv")]
@@ -14,6 +9,13 @@ use vgstereo_kernels::Rv32Bytes as Processor;
 use vgstereo_kernels::Rv32Xpulp as Processor;
 
 use crate::board::BoardKernels;
+
+/// Kernels of masks, arms and weighted medians, and of costs that the processor's set does not support. `lite` uses none
+/// of them: there the reference takes the least of the block RAM.
+#[cfg(feature = "lite")]
+const OTHERS: Portable = Portable;
+#[cfg(feature = "micro")]
+const OTHERS: Processor = Processor;
 
 /// The kernel set of the processor.
 #[derive(Clone, Copy)]
@@ -24,13 +26,13 @@ impl Kernels for PlainKernels {
 
     forward_kernels!(set => &Processor; luma_row, channel_row, convert_row, smooth_row, pack_cells, penalty_row,
         aggregate_paths, select_row, aggregate_row, rivals_row, check_row, median9_row);
-    forward_kernels!(set => &Others; mask_block, arms_row, weighted_median_row);
+    forward_kernels!(set => &OTHERS; mask_block, arms_row, weighted_median_row);
     // Of what is here for every preset.
     forward_kernels!(set => &Portable; resample_row, recall_row);
 
     #[inline]
     fn cost_run(&self, run: &CostRun<'_>, costs: &mut [u8]) {
-        Processor.cost_run_or(&Others, run, costs);
+        Processor.cost_run_or(&OTHERS, run, costs);
     }
 }
 

@@ -1,4 +1,4 @@
-//! What the host's log is told besides the frames.
+//! Lines that the board adds to the host's log: restarts by the watchdog, and problems of the sensors.
 
 use core::cell::Cell;
 use core::fmt;
@@ -15,7 +15,7 @@ pub(crate) type Problem = SensorError<BusError>;
 pub(crate) enum News {
     /// The watchdog has restarted the board, so many times since it got its power.
     Restarted(u32),
-    /// What is wrong with the sensors; `None` if nothing is any more.
+    /// The problem because of which the sensors cannot be set up; `None` once both are.
     Sensors(Option<Problem>),
 }
 
