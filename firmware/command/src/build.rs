@@ -7,9 +7,10 @@ use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 use vgstereo_core::Preset;
+use vgstereo_sim::files::write_files;
 
 use crate::board::{Board, Simulation};
-use crate::toolchain::{Toolchain, root};
+use crate::toolchain::{Toolchain, lock, root};
 
 /// Builds a board's firmware as it is released and returns the path of the linked file.
 ///
@@ -23,14 +24,26 @@ pub fn build(board: &Board) -> Result<PathBuf> {
         Some(options) => ("small", options.as_slice()),
         None => ("release", [].as_slice()),
     };
+    // The next build for another preset replaces the file: none begins before it is kept.
+    let _lock = lock(&target_folder(board))?;
     let linked = build_program(board, board.folder, program, profile, options)?;
     let simulated = board.simulation.map(|simulation| simulation.preset);
     let Some(preset) = board.alone.or(simulated) else {
         return Ok(linked);
     };
-    // The next build for another preset replaces the file.
-    let kept = linked.with_file_name(format!("{program}-{preset}"));
-    std::fs::copy(&linked, &kept).with_context(|| format!("cannot copy {}", linked.display()))?;
+    keep(&linked, &format!("{program}-{preset}"))
+}
+
+/// Copies a linked file to one of this name beside it, and returns its path. Whoever reads an earlier copy at the same time
+/// reads all of that.
+///
+/// # Errors
+/// Fails with one line when a file cannot be read or written.
+fn keep(linked: &Path, name: &str) -> Result<PathBuf> {
+    let kept = linked.with_file_name(name);
+    let bytes = std::fs::read(linked);
+    let bytes = bytes.with_context(|| format!("cannot read {}", linked.display()))?;
+    write_files(&[(kept.clone(), bytes)])?;
     Ok(kept)
 }
 
@@ -249,5 +262,28 @@ fn configure(command: &mut Command, board: &Board, toolchain: &Toolchain, profil
     if !flags.is_empty() {
         let setting = format!("target.{}.rustflags={flags:?}", board.target);
         command.args(["--config", &setting]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Read;
+
+    use super::*;
+
+    #[test]
+    fn who_reads_a_kept_file_sees_no_other_take_its_place() {
+        let folder = tempfile::tempdir().expect("there is room for a folder");
+        let linked = folder.path().join("program");
+        let [first, second] = [[1; 1000], [2; 1000]];
+        std::fs::write(&linked, first).expect("there is room");
+        let kept = keep(&linked, "program-lite").expect("it is kept");
+        let mut reader = std::fs::File::open(&kept).expect("it is there");
+        std::fs::write(&linked, second).expect("there is room");
+        keep(&linked, "program-lite").expect("it is kept");
+        let mut read = Vec::new();
+        reader.read_to_end(&mut read).expect("it can be read");
+        assert_eq!(read, first);
+        assert_eq!(std::fs::read(&kept).expect("it is there"), second);
     }
 }

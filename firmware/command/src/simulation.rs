@@ -3,7 +3,7 @@
 
 use std::ffi::OsString;
 use std::fmt::Write as _;
-use std::fs::{self, File};
+use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -19,7 +19,7 @@ use crate::elf::{self, Image};
 use crate::host::Frames;
 use crate::pair::Pair;
 use crate::received::{Received, SentFrame};
-use crate::toolchain::{Simulator, root};
+use crate::toolchain::{Simulator, lock, root};
 
 /// The symbols of the places in the image for the request and for the rectification.
 const REQUEST: &str = "request";
@@ -192,11 +192,7 @@ fn verilate(
     files: &[PathBuf],
 ) -> Result<PathBuf> {
     let folder = Simulator::folder().join(name);
-    let making = || format!("cannot write {}", folder.display());
-    fs::create_dir_all(&folder).with_context(making)?;
-    // Tests and commands may run at the same time. The file is unlocked when it is closed.
-    let lock = File::create(folder.join("lock")).with_context(making)?;
-    lock.lock().with_context(making)?;
+    let _lock = lock(&folder)?;
     let mut command = Command::new(&tools.verilator);
     command
         .args(["--cc", "--exe", "--build", "-O3", "--noassert"])

@@ -2,6 +2,7 @@
 //! Debian.
 
 use std::collections::BTreeSet;
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -21,6 +22,19 @@ const DEBIAN_LINTER_PACKAGE: &str = "rust-web-clippy";
 pub(crate) fn root() -> &'static Path {
     let own = Path::new(env!("CARGO_MANIFEST_DIR"));
     own.ancestors().nth(2).unwrap_or(own)
+}
+
+/// Makes a folder that is built in, if there is none, and waits until no other test or command builds there: none does
+/// until the result is closed.
+///
+/// # Errors
+/// Fails with one line when the folder cannot be made or locked.
+pub(crate) fn lock(folder: &Path) -> Result<File> {
+    let cannot_write = || format!("cannot write {}", folder.display());
+    fs::create_dir_all(folder).with_context(cannot_write)?;
+    let lock = File::create(folder.join("lock")).with_context(cannot_write)?;
+    lock.lock().with_context(cannot_write)?;
+    Ok(lock)
 }
 
 /// A compiler for a target.
@@ -185,7 +199,7 @@ fn sources(processor: Processor) -> Option<Vec<PathBuf>> {
         Processor::Cv32e40p => "pythondata_cpu_cv32e40p/system_verilog/cv32e40p_manifest.flist",
     };
     // The folder has the version of Python in its name.
-    let versions = std::fs::read_dir(Simulator::environment().join("lib")).ok()?;
+    let versions = fs::read_dir(Simulator::environment().join("lib")).ok()?;
     let mut all = versions.flatten().map(|version| {
         let packages = version.path().join("site-packages");
         packages.join(file)
@@ -194,7 +208,7 @@ fn sources(processor: Processor) -> Option<Vec<PathBuf>> {
     match processor {
         Processor::VexRiscv => Some(vec![path]),
         Processor::Cv32e40p => {
-            let list = std::fs::read_to_string(&path).ok()?;
+            let list = fs::read_to_string(&path).ok()?;
             Some(listed(&list, &path.with_file_name("rtl")))
         }
     }
@@ -240,8 +254,8 @@ fn minor_version(compiler: &mut Command) -> Option<u32> {
 /// Returns the path of LLVM's linker: the one that Rust's own toolchain in `libraries` brings,
 /// or another on the path.
 fn linker(libraries: &Path) -> Result<Option<PathBuf>> {
-    let entries = std::fs::read_dir(libraries)
-        .with_context(|| format!("cannot read {}", libraries.display()))?;
+    let entries =
+        fs::read_dir(libraries).with_context(|| format!("cannot read {}", libraries.display()))?;
     let own = entries
         .flatten()
         .map(|host| host.path().join("bin/rust-lld"));
