@@ -30,6 +30,7 @@ use vgstereo_link::{
     Selection, Streams,
 };
 use vgstereo_sim::link::attended::Attended;
+use vgstereo_sim::link::board;
 use vgstereo_sim::link::client::Memory;
 use vgstereo_sim::link::source::Source;
 use vgstereo_sim::link::upload::upload;
@@ -570,13 +571,19 @@ fn calibrates(pair: &Pair, address: &str) -> anyhow::Result<()> {
 /// Sends the calibration of a pair to a board that sees it, which then sends what the host makes of it.
 /// What is asked for besides disparities is compared as well.
 fn is_used_once_sent(host: &mut Attended<'_>, pair: &Pair, streams: Streams) -> anyhow::Result<()> {
+    begins_anew_with(host, pair)?;
+    sends_what_the_host_computes(host, pair, streams)
+}
+
+/// Sends the calibration of a pair to a board, and waits until the board has begun anew with it.
+fn begins_anew_with(host: &mut Attended<'_>, pair: &Pair) -> anyhow::Result<()> {
     let rectification = Rectification::from_bytes(pair.rectification.as_deref().unwrap())?;
     upload(host, &rectification, |_| {})?;
-    // The board has begun anew, and may have sent the first lines of a frame before that.
+    // It may have sent the first lines of a frame before that.
     while hello(host, "calibration_crc32") != Some(rectification.crc32().into()) {
         host.frame()?;
     }
-    sends_what_the_host_computes(host, pair, streams)
+    Ok(())
 }
 
 /// The next frame of a board that sees a pair and has its calibration is what the host makes of it.
@@ -585,21 +592,17 @@ fn sends_what_the_host_computes(
     pair: &Pair,
     streams: Streams,
 ) -> anyhow::Result<()> {
-    let selection = HostMessage::Select(Selection::whole(streams.with(Streams::DISPARITIES)));
-    host.command("select", &selection)?;
-    host.drop_frames();
-    let frame = host.frame()?.unwrap();
+    let frame = next_frame(host, streams)?;
     let (expected, _) = host::run(pair, &pair.request(Preset::Lite, 1, &[])?)?;
-    assert!(frame.is_whole());
-    let disparities = frame.disparities.as_ref().unwrap();
-    assert!(disparities.values == expected.disparities_q4());
+    assert!(frame.disparities.as_ref().unwrap().values == expected.disparities_q4());
     if streams.contains(Streams::CONFIDENCES) {
         let confidences = frame.confidences.as_ref().unwrap();
         assert!(confidences.values == expected.confidences);
     }
     if streams.contains(Streams::DEPTHS) {
         let depth = pair.camera.unwrap().0.depth();
-        let depths_mm = disparities.values.iter().map(|&q4| depth.mm(q4));
+        let disparities_q4 = expected.disparities_q4();
+        let depths_mm = disparities_q4.iter().map(|&q4| depth.mm(q4));
         let depths = frame.depths.as_ref().unwrap();
         assert!(depths.values.iter().copied().eq(depths_mm));
     }
@@ -608,6 +611,16 @@ fn sends_what_the_host_computes(
         streams.contains(Streams::RECTIFIED)
     );
     Ok(())
+}
+
+/// Asks for disparities and these streams, and returns the next frame, which is whole.
+fn next_frame(host: &mut Attended<'_>, streams: Streams) -> anyhow::Result<board::Frame> {
+    let selection = HostMessage::Select(Selection::whole(streams.with(Streams::DISPARITIES)));
+    host.command("select", &selection)?;
+    host.drop_frames();
+    let frame = host.frame()?.unwrap();
+    assert!(frame.is_whole());
+    Ok(*frame)
 }
 
 /// A number of the board's hello.
@@ -637,6 +650,14 @@ fn keeps_a_calibration_in_flash(board: &Board) -> anyhow::Result<()> {
     let mut memory = Memory::default();
     let mut host = Attended::connect(&source, &mut memory, VERY_LONG)?;
     assert_eq!(hello(&host, "calibration_crc32"), None);
-    // The serial port has room for these alone.
-    is_used_once_sent(&mut host, &pair, Streams::NONE)
+    begins_anew_with(&mut host, &pair)?;
+    // The serial port has room for disparities alone. The board keeps the offsets of lines from frame to frame.
+    let frame = next_frame(&mut host, Streams::NONE)?;
+    let frames = frame.begun.frame + 1;
+    let request = pair.request(built_for.preset, frames, &[])?;
+    let (expected, _) = host::run_keeping_line_offsets(&pair, &request)?;
+    let expected_q4 = expected.disparities_q4();
+    let last_q4 = expected_q4.chunks((width * height) as usize).next_back();
+    assert!(frame.disparities.unwrap().values == last_q4.unwrap());
+    Ok(())
 }

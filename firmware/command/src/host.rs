@@ -64,6 +64,23 @@ impl ScanSink for Scans {
 /// # Errors
 /// Fails when the request is not valid, or when more frames fail than the request has faults.
 pub fn run(pair: &Pair, request: &Request) -> Result<(Frames, Statistics)> {
+    run_session(pair, request, false)
+}
+
+/// Matches a pair as [`run`] does, in a session that begins each frame with the offsets of lines that the one before it
+/// taught, as those of the real boards do.
+///
+/// # Errors
+/// Fails as [`run`] does.
+pub fn run_keeping_line_offsets(pair: &Pair, request: &Request) -> Result<(Frames, Statistics)> {
+    run_session(pair, request, true)
+}
+
+fn run_session(
+    pair: &Pair,
+    request: &Request,
+    keeps_line_offsets: bool,
+) -> Result<(Frames, Statistics)> {
     let config = request.config();
     let camera = FaultyCamera::new(pair.camera()?, &request.faults);
     let mut memory = vec![0; config.memory_words()];
@@ -100,6 +117,7 @@ pub fn run(pair: &Pair, request: &Request) -> Result<(Frames, Statistics)> {
     let rectifier = rectifier.as_mut();
     let mut session =
         Session::rectifying(camera, rectifier, matcher, sink, &mut lines, NoWatchdog)?;
+    session.keep_line_offsets(keeps_line_offsets);
     let mut frames = Frames::default();
     let mut whole = 0;
     let mut failures = 0;
