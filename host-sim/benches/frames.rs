@@ -4,10 +4,10 @@
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use vgstereo_core::{Config, DisparityRange, Preset};
+use vgstereo_frame::match_frame;
 use vgstereo_kernels::NativeKernels;
-use vgstereo_sim::frame::match_frame;
 use vgstereo_sim::render::{RenderOptions, render};
-use vgstereo_sim::views::Views;
+use vgstereo_sim::views::views_of;
 
 const WIDTH: u16 = 450;
 const HEIGHT: u16 = 375;
@@ -21,7 +21,7 @@ fn frames(criterion: &mut Criterion) {
         ..RenderOptions::default()
     });
     let views =
-        Views::new(scene.left.clone(), scene.right.clone(), false).expect("the scene is narrow");
+        views_of(scene.left.clone(), scene.right.clone(), false).expect("the scene is narrow");
     let mut group = criterion.benchmark_group("frame");
     group.sample_size(20);
     // One element is one pixel at one disparity.

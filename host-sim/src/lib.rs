@@ -4,11 +4,10 @@
 //! From the bottom up: [`escapes`] makes names printable; [`files`], [`images`], [`pair_files`],
 //! [`pair_lists`], [`pfm`], [`disparity_files`], [`depth_files`], [`point_files`], [`scan_files`] and
 //! [`parameters`] read and write files. [`mod@calibration`] makes rectifications from calibration
-//! files. [`scene`] and [`views`] hold stereo pairs, [`mod@rectify`] rectifies them, [`dataset`]
-//! loads them, [`render`] makes one, and [`exposure`] and [`line_offset`] let the right camera
+//! files. [`scene`] holds a stereo pair, [`views`] makes what is matched of its images, [`mod@rectify`] rectifies it, [`dataset`]
+//! loads one, [`render`] makes one, and [`exposure`] and [`line_offset`] let the right camera
 //! differ from the left, and [`stress`] disturbs both. [`camera`] and [`sink`] are the two ends of a firmware's session.
-//! [`mod@frame`] matches whole frames with the kernels of `vgstereo-kernels`, and [`pair_check`]
-//! tells what is wrong with a pair. [`chessboard`] tells whether a board of squares is seen whole. [`metrics`] measures disparities against ground truth,
+//! The crate `vgstereo-frame` matches whole frames, and [`pair_check`] tells what is wrong with a pair. [`chessboard`] tells whether a board of squares is seen whole. [`metrics`] measures disparities against ground truth,
 //! [`pictures`] shows them, [`published`] has results to compare with, and [`prepared`] joins a
 //! scene with its matching and measuring. [`mod@link`] is the host's end of a board's link, and
 //! [`mod@view`] shows what comes over it. [`arguments`], [`pair_arguments`], [`cameras`], [`tables`] and [`terminal`]
@@ -26,7 +25,6 @@ pub mod disparity_files;
 pub mod escapes;
 pub mod exposure;
 pub mod files;
-pub mod frame;
 pub mod images;
 pub mod line_offset;
 pub mod line_offsets;

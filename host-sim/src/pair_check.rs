@@ -13,8 +13,7 @@ use vgstereo_core::{Config, DisparityRange, Method, Output, Parameters, Preset, 
 use vgstereo_firmware::camera::PixelFormat;
 use vgstereo_kernels::NativeKernels;
 
-use crate::frame::{FrameError, match_frame};
-use crate::views::Views;
+use vgstereo_frame::{FrameError, Views, match_frame};
 
 /// Number of bands of lines, spread evenly over the height.
 const BANDS: usize = 6;

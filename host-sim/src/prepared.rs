@@ -9,11 +9,11 @@ use vgstereo_kernels::NativeKernels;
 
 use crate::dataset::load_scene;
 use crate::escapes::{shown, shown_name};
-use crate::frame::{Matched, match_frame};
 use crate::metrics::BadPixels;
 use crate::rectify::rectified;
 use crate::scene::Scene;
-use crate::views::Views;
+use crate::views::{picture_of, views_of};
+use vgstereo_frame::{Matched, Views, match_frame};
 
 /// A scene whose views were converted to the lines that a matcher takes.
 #[derive(Debug, Clone)]
@@ -38,7 +38,7 @@ impl Prepared {
     /// # Errors
     /// Fails when the views are wider than a matcher takes, or not wider than the largest disparity.
     pub fn new(scene: Scene, grey: bool) -> Result<Self> {
-        let views = Views::new(scene.left.clone(), scene.right.clone(), grey)?;
+        let views = views_of(scene.left.clone(), scene.right.clone(), grey)?;
         Self::with_views(scene, views)
     }
 
@@ -63,9 +63,9 @@ impl Prepared {
         grey: bool,
         rectification: &Rectification<'_>,
     ) -> Result<Self> {
-        let raw = Views::new(scene.left, scene.right, grey)?;
+        let raw = views_of(scene.left, scene.right, grey)?;
         let views = rectified(&raw, rectification)?;
-        (scene.left, scene.right) = (views.picture(0)?, views.picture(1)?);
+        (scene.left, scene.right) = (picture_of(&views, 0)?, picture_of(&views, 1)?);
         Self::with_views(scene, views)
     }
 

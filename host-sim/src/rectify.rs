@@ -6,7 +6,7 @@ use vgstereo_core::geometry::{Rectification, Rectifier};
 use vgstereo_firmware::camera::PixelFormat;
 use vgstereo_kernels::NativeKernels;
 
-use crate::views::Views;
+use vgstereo_frame::Views;
 
 /// Returns the rectified views of the raw ones, in grey or in colour as these are, with the columns
 /// that the cameras saw.

@@ -19,11 +19,10 @@ use vgstereo_core::{
     Parameters, Portable, Preset, SgmParameters,
 };
 use vgstereo_firmware::camera::{PixelFormat, RawLine};
-use vgstereo_sim::frame::Matched;
+use vgstereo_frame::{Matched, ViewLine, Views};
 use vgstereo_sim::metrics::is_bad;
 use vgstereo_sim::prepared::Prepared;
 use vgstereo_sim::scene::Scene;
-use vgstereo_sim::views::{ViewLine, Views};
 
 /// A pair of views of equal size.
 #[derive(Debug, Clone)]

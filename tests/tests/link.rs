@@ -11,6 +11,7 @@ use std::{env, fs};
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use vgstereo_core::{Output, Preset};
+use vgstereo_frame::Matched;
 use vgstereo_link::board::FrameBegun;
 use vgstereo_link::pack::{pack, packed_bytes_max};
 use vgstereo_link::{
@@ -18,7 +19,6 @@ use vgstereo_link::{
     Values, memory_bytes,
 };
 use vgstereo_sim::dataset::load_scene;
-use vgstereo_sim::frame::Matched;
 use vgstereo_sim::prepared::Prepared;
 use vgstereo_sim::render::{RenderOptions, render};
 use vgstereo_sim::scene::Scene;

@@ -8,8 +8,8 @@ use vgstereo_core::{
     PushError, RecallParameters, Reference, Region, SgmParameters,
 };
 use vgstereo_firmware::camera::{PixelFormat, RawLine};
+use vgstereo_frame::match_frame;
 use vgstereo_kernels::NativeKernels;
-use vgstereo_sim::frame::match_frame;
 use vgstereo_tests::{Map, Pair};
 
 /// Reference configuration: Middlebury's Teddy.

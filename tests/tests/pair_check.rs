@@ -11,7 +11,7 @@ use libtest_mimic::{Arguments, Failed, Trial};
 use vgstereo_core::DisparityRange;
 use vgstereo_sim::pair_check::{Hint, hints, outside, scores};
 use vgstereo_sim::render::{RenderOptions, render};
-use vgstereo_sim::views::Views;
+use vgstereo_sim::views::views_of;
 
 /// Folders of scenes by the variable that names the data set, with their largest disparity, px.
 /// It is that of the data set but for two, whose pictures show nearer surfaces: a pallet at 125 px
@@ -70,7 +70,7 @@ fn main() {
         let mut px = truth.left_px.clone();
         px.sort_by(f32::total_cmp);
         let right = to_the_right(&scene.right, px[px.len() / 2] as u32);
-        let views = Views::new(scene.left, right, true).unwrap();
+        let views = views_of(scene.left, right, true).unwrap();
         let hints = hints(&views, DisparityRange::up_to(scene.d_max)).unwrap();
         assert!(matches!(hints.as_slice(), [Hint::Below(_)]), "{hints:?}");
         Ok(())
@@ -104,7 +104,7 @@ fn open(path: &Path) -> Result<RgbImage, Failed> {
 fn check(name: &str, left: &RgbImage, right: &RgbImage, d_max: u16) -> Result<(), Failed> {
     let range = DisparityRange::up_to(d_max);
     let views =
-        |left: &RgbImage, right: &RgbImage| Views::new(left.clone(), right.clone(), true).unwrap();
+        |left: &RgbImage, right: &RgbImage| views_of(left.clone(), right.clone(), true).unwrap();
     let found = |left: &RgbImage, right: &RgbImage, range| {
         hints(&views(left, right), range).map_err(|error| Failed::from(error.to_string()))
     };

@@ -14,16 +14,16 @@ use libtest_mimic::{Arguments, Trial};
 use serde::Deserialize;
 use vgstereo_core::geometry::{Interpolation, Rectification, Rectifier, ViewMap};
 use vgstereo_core::{Config, DisparityRange, INVALID, Output, Preset, Reference};
+use vgstereo_frame::match_frame;
 use vgstereo_kernels::NativeKernels;
 use vgstereo_sim::calibration::{
     Keep, Lens, Maps, Options, RectifiedPair, StereoCalibration, checked, read, rectify,
 };
 use vgstereo_sim::dataset::load_calibrated;
-use vgstereo_sim::frame::match_frame;
 use vgstereo_sim::point_files::PointFormat;
 use vgstereo_sim::prepared::Prepared;
 use vgstereo_sim::rectify::rectified;
-use vgstereo_sim::views::Views;
+use vgstereo_sim::views::{picture_of, views_of};
 use vgstereo_tests::failed;
 
 /// The folders of pairs, with further files of the same calibration.
@@ -382,7 +382,7 @@ fn most_is_found(folder: &Path) -> Result<()> {
     let made = rectify(&files, &options(&truth))?;
     let rectification = made.maps.rectification()?;
     let [left, right] = ["left.png", "right.png"].map(|name| image::open(folder.join(name)));
-    let raw = Views::new(left?.into_rgb8(), right?.into_rgb8(), false)?;
+    let raw = views_of(left?.into_rgb8(), right?.into_rgb8(), false)?;
     let views = rectified(&raw, &rectification)?;
     let d_max = truth.meta["d_max"].as_integer().context("no d_max")?;
     let disparities = DisparityRange::up_to(u16::try_from(d_max)?);
@@ -574,7 +574,7 @@ fn squares_have_their_size(folder: &Path, square_mm: f64, spared: Option<Preset>
     let made = rectify(&files, &options)?;
     let rectification = made.maps.rectification()?;
     let [left, right] = ["left.png", "right.png"].map(|name| image::open(folder.join(name)));
-    let raw = Views::new(left?.into_rgb8(), right?.into_rgb8(), false)?;
+    let raw = views_of(left?.into_rgb8(), right?.into_rgb8(), false)?;
     let views = rectified(&raw, &rectification)?;
     let camera = rectification
         .camera(Reference::Left)
@@ -594,7 +594,7 @@ fn squares_have_their_size(folder: &Path, square_mm: f64, spared: Option<Preset>
         };
         let matched = match_frame(&config, &views, NativeKernels::fastest(), 2)?;
         let lines = matched.lines(views.width);
-        let ply = PointFormat::Ply.encode(lines, &views.picture(0)?, &camera)?;
+        let ply = PointFormat::Ply.encode(lines, &picture_of(&views, 0)?, &camera)?;
         let mut reader = serde_ply::PlyReader::from_reader(ply.as_slice())?;
         let points: Vec<CloudPoint> = reader.next_element()?;
         let on_board = pixels_between(&corners, views.width.into()).filter_map(|at| {

@@ -9,11 +9,11 @@ use vgstereo_firmware::camera::{LinePairSource, PixelFormat};
 use vgstereo_firmware::scripted::{FaultKind, ScriptedFault};
 use vgstereo_firmware::session::{self, SessionError};
 use vgstereo_firmware::{NoWatchdog, Session};
+use vgstereo_frame::match_frame;
 use vgstereo_kernels::NativeKernels;
-use vgstereo_sim::frame::match_frame;
 use vgstereo_sim::rectify::rectified;
 use vgstereo_sim::sink::FrameCollector;
-use vgstereo_sim::views::Views;
+use vgstereo_sim::views::views_of;
 
 const WIDTH: u16 = 64;
 const HEIGHT: u16 = 40;
@@ -22,7 +22,7 @@ const HEIGHT: u16 = 40;
 fn rectified_whole(pair: &Pair, preset: Preset) -> (Vec<u8>, Vec<u8>) {
     let request = pair.request(preset, 1, &[]).unwrap();
     let is_grey = pair.format.is_grey();
-    let raw = Views::new(pair.left.clone(), pair.right.clone(), is_grey).unwrap();
+    let raw = views_of(pair.left.clone(), pair.right.clone(), is_grey).unwrap();
     let bytes = pair.rectification.as_ref().unwrap();
     let views = rectified(&raw, &Rectification::from_bytes(bytes).unwrap()).unwrap();
     let matched = match_frame(&request.config(), &views, NativeKernels::fastest(), 2).unwrap();

@@ -2,13 +2,13 @@
 
 use vgstereo_core::geometry::{LaserScan, ScanConfig};
 use vgstereo_core::{Config, DisparityLine, DisparityRange};
+use vgstereo_frame::match_frame;
 use vgstereo_kernels::NativeKernels;
 use vgstereo_sim::arguments::aggregating_unless_named;
-use vgstereo_sim::frame::match_frame;
 use vgstereo_sim::render::{
     RenderOptions, rectified_camera, render, rendered_cameras, surface_points,
 };
-use vgstereo_sim::views::Views;
+use vgstereo_sim::views::views_of;
 
 /// The range at each bearing of the scan, mm, from the points that the renderer's rays meet: of the
 /// nearest in each line, the `lines_min`-th smallest; infinity where there are fewer.
@@ -132,7 +132,7 @@ fn the_scan_of_true_disparities_is_within_two_percent_of_the_renderers_ranges() 
 fn most_of_the_scan_of_found_disparities_is_within_two_percent() {
     let (options, config) = scene(320, 240, 47);
     let scene = render(&options);
-    let views = Views::new(scene.left, scene.right, false).unwrap();
+    let views = views_of(scene.left, scene.right, false).unwrap();
     for preset in aggregating_unless_named(&[]) {
         let disparities = DisparityRange::up_to(scene.d_max);
         let matcher = Config {

@@ -17,14 +17,14 @@ use vgstereo_core::{
     Portable, Preset, Reference, Region, SgmParameters,
 };
 use vgstereo_firmware::camera::PixelFormat;
+use vgstereo_frame::{Views, match_frame};
 use vgstereo_kernels::NativeKernels;
 use vgstereo_sim::arguments::aggregating_unless_named;
 use vgstereo_sim::exposure::Exposure;
-use vgstereo_sim::frame::match_frame;
 use vgstereo_sim::prepared::Prepared;
 use vgstereo_sim::render::{RenderOptions, render};
 use vgstereo_sim::stress::{Kind, Stress};
-use vgstereo_sim::views::Views;
+use vgstereo_sim::views::views_of;
 use vgstereo_tests::{Map, Pair, follow, line_offsets, oracle, with_sgm};
 
 fn micro() -> SgmParameters {
@@ -494,7 +494,7 @@ fn lines_that_lie_too_low_give_the_bits_of_the_oracle() {
             amount: roll_degrees,
         };
         roll.apply(&mut scene, 1).unwrap();
-        let views = Views::new(scene.left.clone(), scene.right.clone(), grey).unwrap();
+        let views = views_of(scene.left.clone(), scene.right.clone(), grey).unwrap();
         let pair = Pair {
             width: 150,
             height: 110,
@@ -916,7 +916,7 @@ fn lowered(line_offset_px: f32) -> Pair {
         line_offset_px,
         ..RenderOptions::default()
     });
-    let views = Views::new(scene.left.clone(), scene.right.clone(), false).unwrap();
+    let views = views_of(scene.left.clone(), scene.right.clone(), false).unwrap();
     Pair {
         width: 150,
         height: 110,
@@ -1070,7 +1070,7 @@ fn plain_window(width: u32, height: u32, seed: u64) -> (Views, Vec<f64>) {
     let left = view(&|x| x);
     let right = view(&|x| (x + nearest_px - slope * middle) / (1.0 - slope));
     let truth = (0..width).map(|x| disparity_px(f64::from(x))).collect();
-    (Views::new(left, right, false).unwrap(), truth)
+    (views_of(left, right, false).unwrap(), truth)
 }
 
 /// In a plain window, what differs by noise alone decides less where it costs less.

@@ -2,12 +2,12 @@
 
 use vgstereo_core::kernel::SubpixelStep;
 use vgstereo_core::{Config, DisparityRange, INVALID, Output, Parameters, Preset};
+use vgstereo_frame::{Views, match_frame};
 use vgstereo_kernels::NativeKernels;
-use vgstereo_sim::frame::match_frame;
 use vgstereo_sim::render::{
     RenderOptions, RenderedCameras, rectified_camera, render_wall, rendered_cameras,
 };
-use vgstereo_sim::views::Views;
+use vgstereo_sim::views::views_of;
 use vgstereo_sim::wall::{Figures, Part, measure};
 use vgstereo_tests::with_sgm;
 
@@ -36,7 +36,7 @@ fn frames(distance_mm: f64, turned_degrees: [f64; 2]) -> Vec<Vec<i16>> {
 
 fn views(distance_mm: f64, turned_degrees: [f64; 2], frame: u32) -> Views {
     let [left, right] = render_wall(&options(), distance_mm, turned_degrees, frame);
-    Views::new(left, right, false).unwrap()
+    views_of(left, right, false).unwrap()
 }
 
 /// The disparities of a pair, 1/16 px.

@@ -12,13 +12,11 @@ use std::process::{Command, ExitCode};
 
 use anyhow::{Context, Result, ensure};
 use vgstereo_core::{Config, DisparityLine, DisparityRange, Preset};
+use vgstereo_courtyard::{Courtyard, Side};
+use vgstereo_firmware::camera::PixelFormat;
+use vgstereo_frame::{Matched, Views, match_frame};
 use vgstereo_kernels::NativeKernels;
-use vgstereo_link::{
-    BoardMessage, Decoder, Encoder, Line, PixelFormat, Streams, Values, memory_bytes,
-};
-use vgstereo_sim::frame::{Matched, match_frame};
-use vgstereo_sim::render::{RenderOptions, render};
-use vgstereo_sim::views::Views;
+use vgstereo_link::{BoardMessage, Decoder, Encoder, Line, Streams, Values, memory_bytes};
 
 const WIDTH: u16 = 160;
 const HEIGHT: u16 = 120;
@@ -69,13 +67,7 @@ fn measure(subject: &str) -> Result<()> {
     } else {
         subject.parse()?
     };
-    let scene = render(&RenderOptions {
-        width: WIDTH.into(),
-        height: HEIGHT.into(),
-        d_max: D_MAX,
-        ..RenderOptions::default()
-    });
-    let views = Views::new(scene.left.clone(), scene.right.clone(), false)?;
+    let views = rendered();
     let config = Config {
         colour: views.has_colour(),
         ..Config::new(preset.parameters(), WIDTH, DisparityRange::up_to(D_MAX))
@@ -85,7 +77,11 @@ fn measure(subject: &str) -> Result<()> {
         return Ok(());
     }
     let matched = match_frame(&config, &views, portable()?, 1)?;
-    let mut memory = [0; memory_bytes(WIDTH, PixelFormat::Grey8, Streams::DISPARITIES)];
+    let mut memory = [0; memory_bytes(
+        WIDTH,
+        vgstereo_link::PixelFormat::Grey8,
+        Streams::DISPARITIES,
+    )];
     let mut encoder = Encoder::new(&mut memory);
     if subject == LINK[0] {
         let bytes = measured_frame_sent(&mut encoder, &matched);
@@ -96,10 +92,37 @@ fn measure(subject: &str) -> Result<()> {
     for line in matched.lines(WIDTH) {
         stream.extend_from_slice(encoder.encode(0, &message(&line))?);
     }
-    let mut memory = [0; memory_bytes(WIDTH, PixelFormat::Grey8, Streams::DISPARITIES)];
+    let mut memory = [0; memory_bytes(
+        WIDTH,
+        vgstereo_link::PixelFormat::Grey8,
+        Streams::DISPARITIES,
+    )];
     let lines = measured_frame_received(&mut Decoder::new(&mut memory), &stream);
     ensure!(lines == u32::from(HEIGHT), "lines are lost");
     Ok(())
+}
+
+/// The built-in scene, without noise.
+fn rendered() -> Views {
+    let (width, height) = (WIDTH.into(), HEIGHT.into());
+    let mut yard = Courtyard::new(width, height, 0, D_MAX, 1, 1.0);
+    yard.furnish();
+    let view = |side| {
+        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        let light =
+            |(x, y): (u32, u32)| yard.exposed(side, x.into(), y.into(), &|x, y| Some([x, y]));
+        // The cast saturates.
+        pixels
+            .flat_map(light)
+            .map(|light| (255.0 * light.sqrt() + 0.5) as u8)
+            .collect()
+    };
+    Views::new(
+        view(Side::Left),
+        view(Side::Right),
+        WIDTH,
+        PixelFormat::Rgb888,
+    )
 }
 
 /// The lines of a frame of disparities, as packets.

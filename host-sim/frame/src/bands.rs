@@ -9,7 +9,7 @@ use vgstereo_core::rows::Arena;
 use vgstereo_core::{Config, RecallParameters, Region};
 use vgstereo_kernels::NativeKernels;
 
-use super::map::{FrameError, Map, rows_of};
+use crate::map::{FrameError, Map, rows_of};
 use crate::views::Views;
 
 /// Largest number of threads that match a frame; more are not started.
@@ -17,7 +17,7 @@ pub const MAX_THREADS: usize = 256;
 
 /// Matches a frame by the paper's method, its rows in bands; gives its map and the time from the
 /// first line in to the last line out.
-pub(super) fn match_in_bands(
+pub(crate) fn match_in_bands(
     config: &Config,
     recall: &RecallParameters,
     views: &Views,

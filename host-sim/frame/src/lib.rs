@@ -1,19 +1,25 @@
-//! Whole frames on the host, through the core's line-streaming matcher.
+//! Dense stereo matching of whole frames on a host: [`Views`], a rectified pair in memory, in; [`Matched`], its
+//! disparities, out.
+//!
+//! [`match_frame`] gives the lines of the views to the matcher of `vgstereo-core` one by one, as firmware does, so that the
+//! disparities are those of a microcontroller, bit for bit. It takes the kernels that it is given, of which
+//! [`NativeKernels::fastest`] are the fastest, and works with one thread or several.
 
 mod bands;
 mod map;
 mod pipelined;
+mod views;
 
 pub use bands::MAX_THREADS;
 pub use map::FrameError;
+pub use views::{ViewLine, Views};
 
 use std::time::{Duration, Instant};
 
 use vgstereo_core::{Config, DisparityLine, LineOffsets, Matcher, Method, PushError};
 use vgstereo_kernels::NativeKernels;
 
-use self::map::Map;
-use crate::views::Views;
+use crate::map::Map;
 
 /// The disparities of a frame, and the cost of matching it.
 #[derive(Debug, Clone)]
@@ -105,3 +111,8 @@ fn match_alone(
     map.line_offsets = matcher.line_offsets();
     Ok((map, time))
 }
+
+/// The example of the README, which is compiled and run with the tests.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

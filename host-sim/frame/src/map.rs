@@ -44,16 +44,16 @@ impl From<PushError> for FrameError {
 
 /// Lines of disparities, one after another.
 #[derive(Debug)]
-pub(super) struct Map {
-    pub(super) disparities_q4: Vec<i16>,
-    pub(super) confidences: Vec<u8>,
+pub(crate) struct Map {
+    pub(crate) disparities_q4: Vec<i16>,
+    pub(crate) confidences: Vec<u8>,
     /// What the frame taught of the offsets of lines.
-    pub(super) line_offsets: LineOffsets,
+    pub(crate) line_offsets: LineOffsets,
 }
 
 impl Map {
     /// An empty map with room for the lines of a frame, so that they are not moved to make some.
-    pub(super) fn with_room(config: &Config, views: &Views) -> Self {
+    pub(crate) fn with_room(config: &Config, views: &Views) -> Self {
         let region = config.region;
         let lines = views.height().min(region.height as usize);
         let pixels = lines * usize::from(region.width);
@@ -65,7 +65,7 @@ impl Map {
     }
 
     /// Appends a line.
-    pub(super) fn push(&mut self, line_q4: &[i16], confidences: &[u8]) {
+    pub(crate) fn push(&mut self, line_q4: &[i16], confidences: &[u8]) {
         self.disparities_q4.extend_from_slice(line_q4);
         self.confidences.extend_from_slice(confidences);
     }
@@ -75,7 +75,7 @@ impl Map {
 ///
 /// # Errors
 /// [`PushError::TooManyLines`] when the views have more lines than a frame may have.
-pub(super) fn rows_of(config: &Config, views: &Views) -> Result<Range<u32>, PushError> {
+pub(crate) fn rows_of(config: &Config, views: &Views) -> Result<Range<u32>, PushError> {
     let lines = u32::try_from(views.height()).unwrap_or(u32::MAX);
     if lines > MAX_LINES {
         return Err(PushError::TooManyLines);

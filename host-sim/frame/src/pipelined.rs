@@ -19,7 +19,7 @@ use vgstereo_core::sgm::{
 use vgstereo_core::{Config, ConfigError, Reference, SgmParameters};
 use vgstereo_kernels::NativeKernels;
 
-use super::map::{FrameError, Map, rows_of};
+use crate::map::{FrameError, Map, rows_of};
 use crate::views::{ViewLine, Views};
 
 /// Rows handed over at a time: waking a thread can take as long as a row.
@@ -32,7 +32,7 @@ const BATCHES_AHEAD: usize = 2;
 const THREADS: usize = 2;
 
 /// Matches a frame; gives its map and the time from the first line in to the last out.
-pub(super) fn match_pipelined(
+pub(crate) fn match_pipelined(
     config: &Config,
     sgm: &SgmParameters,
     views: &Views,

@@ -1,9 +1,7 @@
-//! Conversion of images to the lines that a matcher takes.
+//! A pair of views, and their lines as a matcher takes them.
 
 use std::ops::Range;
 
-use anyhow::{Context, Result};
-use image::{DynamicImage, GrayImage, RgbImage};
 use vgstereo_core::kernel::luma_row;
 use vgstereo_core::{Kernels, Line};
 use vgstereo_firmware::camera::{PixelFormat, RawLine};
@@ -65,26 +63,17 @@ impl<K: Kernels> Line for ViewLine<'_, K> {
 }
 
 impl Views {
-    /// Returns the views of two images that have one size. Pixels are grey with `grey` or when one of
-    /// the images has no colour; otherwise they are RGB.
-    ///
-    /// # Errors
-    /// Fails with one line that states the limit when the images are too wide.
-    pub fn new(left: RgbImage, right: RgbImage, grey: bool) -> Result<Self> {
-        let is_grey =
-            |image: &RgbImage| image.pixels().all(|p| p.0[0] == p.0[1] && p.0[1] == p.0[2]);
-        // Colour that one view alone has tells nothing about a match.
-        let grey = grey || is_grey(&left) || is_grey(&right);
-        let views = Self {
-            width: u16::try_from(left.width())
-                .with_context(|| format!("images are at most {} px wide", u16::MAX))?,
-            left: left.into_raw(),
-            right: right.into_raw(),
-            format: PixelFormat::Rgb888,
+    /// Returns the views of these bytes, row-major without gaps, of which the cameras saw every column.
+    #[must_use]
+    pub fn new(left: Vec<u8>, right: Vec<u8>, width: u16, format: PixelFormat) -> Self {
+        Self {
+            left,
+            right,
+            width,
+            format,
             grey: None,
             valid_columns: Default::default(),
-        };
-        Ok(if grey { views.to_grey() } else { views })
+        }
     }
 
     /// Returns these views with every pixel replaced by its luma.
@@ -107,22 +96,6 @@ impl Views {
             grey: None,
             valid_columns: self.valid_columns.clone(),
         }
-    }
-
-    /// The left (0) or the right view (1) as a picture.
-    ///
-    /// # Errors
-    /// Fails when the view is not made of whole lines of grey or RGB.
-    pub fn picture(&self, view: usize) -> Result<RgbImage> {
-        let pixels = if view == 0 { &self.left } else { &self.right };
-        let size = [self.width.into(), u32::try_from(self.height())?];
-        let [width, height] = size;
-        let picture = match self.format {
-            PixelFormat::Grey8 => GrayImage::from_raw(width, height, pixels.clone())
-                .map(|grey| DynamicImage::from(grey).into_rgb8()),
-            _ => RgbImage::from_raw(width, height, pixels.clone()),
-        };
-        picture.context("the view is not made of whole lines")
     }
 
     /// Whether the views have colour.

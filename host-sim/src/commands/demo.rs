@@ -30,7 +30,7 @@ use crate::scene::Scene;
 use crate::sink::FrameCollector;
 use crate::tables::{kib, milliseconds, percent, table};
 use crate::terminal::write_output;
-use crate::views::Views;
+use crate::views::{picture_of, views_of};
 
 /// The usual threshold of the benchmark, px: disparities further from the ground truth are bad.
 const THRESHOLD_PX: f32 = 1.0;
@@ -264,10 +264,10 @@ impl Demo {
             ("right.png", scene.right.clone()),
         ];
         if let Some(rectification) = &rectification {
-            let views = Views::new(scene.left.clone(), scene.right.clone(), false)?;
+            let views = views_of(scene.left.clone(), scene.right.clone(), false)?;
             let views = rectified(&views, rectification)?;
-            pictures.push(("rectified_left.png", views.picture(0)?));
-            pictures.push(("rectified_right.png", views.picture(1)?));
+            pictures.push(("rectified_left.png", picture_of(&views, 0)?));
+            pictures.push(("rectified_right.png", picture_of(&views, 1)?));
         }
         pictures.extend([
             ("truth.png", colour_disparities(&exact, self.width, range)),

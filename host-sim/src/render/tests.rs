@@ -2,8 +2,9 @@ use super::*;
 use crate::calibration::{Maps, RectifiedPair};
 use crate::rectify::rectified;
 use crate::scene::Mask;
-use crate::views::Views;
+use crate::views::{picture_of, views_of};
 use vgstereo_core::geometry::{Interpolation, Rectification};
+use vgstereo_frame::Views;
 
 /// Small, and free of noise so that colours can be compared.
 const CLEAN: RenderOptions = RenderOptions {
@@ -422,7 +423,7 @@ fn distorted_views_are_rectified_to_the_plain_ones() {
         rectified_camera(&cameras).map(|c| c.depth())
     );
     let difference = |a: &Views, b: &Views, view: usize| {
-        let (a, b) = (a.picture(view).unwrap(), b.picture(view).unwrap());
+        let (a, b) = (picture_of(a, view).unwrap(), picture_of(b, view).unwrap());
         let sum: u64 = a
             .iter()
             .zip(b.iter())
@@ -430,7 +431,7 @@ fn distorted_views_are_rectified_to_the_plain_ones() {
             .sum();
         sum as f64 / a.len() as f64
     };
-    let views = |scene: Scene| Views::new(scene.left, scene.right, false).unwrap();
+    let views = |scene: Scene| views_of(scene.left, scene.right, false).unwrap();
     let (plain, raw) = (views(plain), views(raw));
     let made = rectified(&raw, &rectification).unwrap();
     for view in 0..2 {

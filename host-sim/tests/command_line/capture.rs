@@ -9,7 +9,7 @@ use image::GrayImage;
 use vgstereo_link::board::Outcome;
 use vgstereo_link::{HostMessage, Selection, Streams};
 use vgstereo_sim::render::{RenderOptions, render};
-use vgstereo_sim::views::Views;
+use vgstereo_sim::views::views_of;
 
 use crate::fixture::Fixture;
 use crate::scripted::Script;
@@ -39,7 +39,7 @@ fn demo_views() -> [Vec<u8>; 2] {
         ..RenderOptions::default()
     };
     let scene = render(&options);
-    let views = Views::new(scene.left, scene.right, true).unwrap();
+    let views = views_of(scene.left, scene.right, true).unwrap();
     [views.left, views.right]
 }
 

@@ -13,8 +13,8 @@ use vgstereo_core::{
     Region, SgmParameters,
 };
 use vgstereo_firmware::camera::PixelFormat;
+use vgstereo_frame::match_frame;
 use vgstereo_kernels::NativeKernels;
-use vgstereo_sim::frame::match_frame;
 
 use crate::{Map, Pair, follow, line_offsets, oracle};
 

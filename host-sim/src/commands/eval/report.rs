@@ -3,10 +3,10 @@
 use serde::Serialize;
 
 use crate::escapes::shown_name;
-use crate::frame::Matched;
 use crate::metrics::{BadPixels, ByConfidence, mean};
 use crate::published::{PAPER, SCENES};
 use crate::tables::{kib, percent, table};
+use vgstereo_frame::Matched;
 
 /// The figures of one preset on all scenes.
 #[derive(Debug, Serialize)]

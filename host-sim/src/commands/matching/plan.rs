@@ -15,14 +15,14 @@ use crate::cameras::Cameras;
 use crate::depth_files::DepthFormat;
 use crate::disparity_files::{DisparityFormat, grey_png};
 use crate::files::encode;
-use crate::frame::{Matched, match_frame};
 use crate::images::ViewImages;
 use crate::line_offsets::ViewOffsets;
 use crate::pictures::colour_disparities;
 use crate::point_files::PointFormat;
 use crate::rectify::rectified;
 use crate::scan_files::ScanFormat;
-use crate::views::Views;
+use crate::views::{picture_of, views_of};
+use vgstereo_frame::{Matched, Views, match_frame};
 
 /// What pairs have in common that are matched by one plan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -170,7 +170,7 @@ impl Plan {
         images: ViewImages,
         threads: usize,
     ) -> Result<Done> {
-        let mut views = Views::new(images.left, images.right, options.grey)?;
+        let mut views = views_of(images.left, images.right, options.grey)?;
         let rectification = rectification(&self.cameras)?;
         if let Some(rectification) = rectification.filter(|_| !self.kind.is_rectified) {
             views = rectified(&views, &rectification)?;
@@ -206,7 +206,7 @@ impl Plan {
         }
         if let (Some(path), Some((format, camera))) = (&targets.points, &self.points) {
             let reference = usize::from(self.config.reference == Reference::Right);
-            let colours = views.picture(reference)?;
+            let colours = picture_of(views, reference)?;
             let bytes = format.encode(matched.lines(width), &colours, camera)?;
             files.push((path.clone(), bytes));
         }
@@ -227,7 +227,7 @@ impl Plan {
             ));
         }
         for (view, path) in targets.views().into_iter().enumerate() {
-            let picture = views.picture(view)?;
+            let picture = picture_of(views, view)?;
             files.push((path, encode(&picture.into(), ImageFormat::Png)?));
         }
         Ok(files)

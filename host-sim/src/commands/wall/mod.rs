@@ -15,13 +15,13 @@ use crate::arguments::{Overrides, name_of, parse_preset};
 use crate::cameras::CameraOptions;
 use crate::escapes::shown;
 use crate::files::{encode, ensure_distinct_outputs, ensure_ending, write_files};
-use crate::frame::match_frame;
 use crate::images::{ImageFile, ViewImages};
 use crate::rectify::rectified;
 use crate::tables::table;
 use crate::terminal::progress_bar;
-use crate::views::Views;
+use crate::views::views_of;
 use crate::wall::{Figures, Part, measure};
+use vgstereo_frame::match_frame;
 
 /// The arguments of `vgstereo wall`.
 #[derive(Debug, Args)]
@@ -215,7 +215,7 @@ fn matched(
         "the pair is not as large as the first"
     );
     let images = ViewImages::decode(&left, &right, None)?;
-    let mut views = Views::new(images.left, images.right, false)?;
+    let mut views = views_of(images.left, images.right, false)?;
     if let Some(rectification) = rectification {
         views = rectified(&views, rectification)?;
     }

@@ -11,14 +11,14 @@ use super::{Judged, Wall};
 use crate::arguments::name_of;
 use crate::cameras::Cameras;
 use crate::escapes::shown;
-use crate::frame::match_frame;
 use crate::images::is_image;
 use crate::link::board::{Board, Frame};
 use crate::link::client::Memory;
 use crate::link::recorded::{DENSE, Found, Frames, JUDGED, Pair, found, pair};
 use crate::rectify::rectified;
 use crate::terminal::progress_bar;
-use crate::views::Views;
+use crate::views::views_of;
+use vgstereo_frame::match_frame;
 
 /// What a frame has that is judged.
 enum Seen {
@@ -173,7 +173,7 @@ impl Wall {
         parameters: Parameters,
         path: &Path,
     ) -> Result<(Vec<i16>, [usize; 2])> {
-        let mut views = Views::new(pair.left, pair.right, false)?;
+        let mut views = views_of(pair.left, pair.right, false)?;
         if let Some(rectification) = rectification.filter(|_| !pair.is_rectified) {
             views = rectified(&views, rectification)?;
         }
