@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
-use vgstereo_core::Preset;
 use vgstereo_sim::files::write_files;
 
 use crate::board::{Board, Simulation};
@@ -18,20 +17,27 @@ use crate::toolchain::{Toolchain, lock, root};
 /// Fails when there is no compiler for the board or the firmware does not compile.
 pub fn build(board: &Board) -> Result<PathBuf> {
     let program = board.program();
-    let of_preset = |preset: Preset| ["--no-default-features", "--features", preset.name()];
-    let alone = board.alone.map(of_preset);
-    let (profile, options) = match &alone {
-        Some(options) => ("small", options.as_slice()),
-        None => ("release", [].as_slice()),
-    };
+    let (profile, options) = profile_and_options(board);
     // The next build for another preset replaces the file: none begins before it is kept.
     let _lock = lock(&target_folder(board))?;
-    let linked = build_program(board, board.folder, program, profile, options)?;
+    let linked = build_program(board, board.folder, program, profile, &options)?;
     let simulated = board.simulation.map(|simulation| simulation.preset);
     let Some(preset) = board.alone.or(simulated) else {
         return Ok(linked);
     };
     keep(&linked, &format!("{program}-{preset}"))
+}
+
+/// Returns the profile in the boards' workspace that a board's firmware is built in, and the options of cargo that name the
+/// preset that it is built for alone.
+fn profile_and_options(board: &Board) -> (&'static str, Vec<&'static str>) {
+    match board.alone {
+        Some(preset) => (
+            "small",
+            vec!["--no-default-features", "--features", preset.name()],
+        ),
+        None => ("release", vec![]),
+    }
 }
 
 /// Copies a linked file to one of this name beside it, and returns its path. Whoever reads an earlier copy at the same time
@@ -134,6 +140,7 @@ pub fn lint(board: &Board) -> Result<()> {
     let without_unit = board.with_unit(0).program();
     let other = (without_unit != own.1).then_some((board.folder, without_unit));
     let suite = board.kernel_suite.map(|suite| (suite, suite));
+    let (profile, options) = profile_and_options(board);
     for (package, program) in [Some(own), other, suite].into_iter().flatten() {
         // In a build, which takes what the dependencies were compiled to: to check those apart takes
         // minutes. Only members of the boards' workspace go through the driver.
@@ -146,8 +153,8 @@ pub fn lint(board: &Board) -> Result<()> {
             // What cargo's own subcommand tells it.
             .env("CLIPPY_ARGS", "-Dwarnings__CLIPPY_HACKERY__")
             .current_dir(package_folder(package));
-        configure(&mut own, board, &toolchain, "release");
-        own.args(simulation_options(board));
+        configure(&mut own, board, &toolchain, profile);
+        own.args(simulation_options(board)).args(&options);
         own.arg("--").args(LINT_ONLY);
         commands.push(own);
     }
@@ -178,8 +185,12 @@ fn lint_common(board: &Board, linter: &Path, toolchain: &Toolchain) -> Command {
     configure(&mut common, board, toolchain, "release");
     common
         .args(COMMON_PROFILE)
-        .args(["-p", "vgstereo-kernels", "-p", "vgstereo-emulated"])
-        .args(["--", "-D", "warnings"]);
+        .args(["-p", "vgstereo-kernels", "-p", "vgstereo-emulated"]);
+    if let Some(preset) = board.alone {
+        let feature = format!("vgstereo-emulated/{preset},vgstereo-kernels/compact");
+        common.args(["--no-default-features", "--features", &feature]);
+    }
+    common.args(["--", "-D", "warnings"]);
     common
 }
 

@@ -66,6 +66,8 @@ struct Lint {
     #[arg(long)]
     models: bool,
     #[command(flatten)]
+    alone: Alone,
+    #[command(flatten)]
     selection: Selection,
 }
 
@@ -108,13 +110,13 @@ impl CommandLine {
 
 impl Lint {
     fn run(self) -> Result<String> {
-        let mut boards = self.selection.boards();
+        let mut boards = self.alone.of(self.selection.boards())?;
         // Boards that differ only in compiler flags have one crate to lint.
         boards.dedup_by_key(|board| board.folder);
         let mut text = String::new();
         for board in boards {
             lint(&board)?;
-            text += &format!("{}: no warnings\n", board.name);
+            text += &format!("{}: no warnings\n", board.full_name());
             if self.models && board.model.is_some() {
                 model::lint(&board)?;
                 text += &format!("{}, the model: no warnings\n", board.name);

@@ -6,10 +6,10 @@ use vgstereo_core::Preset;
 use crate::board::{Board, NotAlone, Processor, UNIT_LANES, UnknownBoard};
 use crate::toolchain::{ModelCompiler, Simulator};
 
-/// The option of the verbs that build boards for one preset alone.
+/// The option of the verbs that take boards which are built for one preset alone.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Alone {
-    /// Build for this preset alone, lite or micro, in less flash: for lines of grey that are rectified, and 48
+    /// Boards built for this preset alone, lite or micro, in less flash: for lines of grey that are rectified, and 48
     /// disparities. Of the boards, stm32f405 and mps2-an500 can be. The firmware of softcore is for one preset in any case:
     /// lite, or without the stereo unit micro.
     #[arg(long, value_name = "P")]
