@@ -17,6 +17,7 @@ pub(crate) mod median9;
 #[allow(unsafe_code)]
 mod memory;
 mod pack;
+mod path;
 mod penalty;
 mod resample;
 mod rivals;

@@ -509,17 +509,6 @@ pub(crate) fn odd_bytes(a: u32) -> u32 {
     }
 }
 
-/// Calls `body` with each index from 0 to `COUNT - 1`, at most 15, without a loop, so that every
-/// index is a constant.
-#[inline(always)]
-pub(crate) fn unrolled<const COUNT: usize>(mut body: impl FnMut(usize)) {
-    const { assert!(COUNT <= 16) };
-    macro_rules! unroll {
-        ($($index:literal)*) => { $(if $index < COUNT { body($index); })* };
-    }
-    unroll!(0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15);
-}
-
 /// The byte in all four lanes.
 #[inline(always)]
 #[must_use]
