@@ -195,8 +195,15 @@ fn compare<const CHANNELS: usize>(block: &mut MaskBlock<'_>) -> Option<()> {
             for (cell, starts) in starts.as_chunks::<2>().0.iter().enumerate().rev() {
                 for (cell, start) in [(2 * cell + 1, starts[1]), (2 * cell, starts[0])] {
                     partner = if CHANNELS == 1 {
-                        let samples = run_at(levels[0], start as usize + first)?;
-                        one_channel::write_larger(columns, cell, &centres[0], samples, partner)
+                        let first = start as usize + first;
+                        one_channel::write_larger(
+                            columns,
+                            cell,
+                            &centres[0],
+                            levels[0],
+                            first,
+                            partner,
+                        )?
                     } else {
                         let own = differences(&levels, &centres, first, start)?;
                         write_larger(columns, cell, &own, &partner);
@@ -256,22 +263,29 @@ mod one_channel {
     use super::{Column, GROUP, Group, LANES};
     use vgstereo_core::kernel::CELLS_PER_BYTE;
 
-    /// Writes the differences of a cell: the larger of those of its samples from the centre pixels and of its partner.
-    /// Returns the former.
+    /// Writes the differences of a cell: the larger of those of its samples, of which the first is `first` of the
+    /// levels, from the centre pixels and of its partner. Returns the former, or `None` if a sample is not within the
+    /// levels.
     #[inline(always)]
     pub(super) fn write_larger(
         columns: &mut [Column; GROUP],
         cell: usize,
         centres: &Group,
-        samples: &[[u8; LANES]; GROUP],
+        levels: &[u8],
+        first: usize,
         [a, b, c, d]: Group,
-    ) -> Group {
+    ) -> Option<Group> {
+        // One comparison, where that of a slice takes two.
+        if first > levels.len().checked_sub(GROUP * LANES)? {
+            return None;
+        }
+        let samples = levels.as_ptr().wrapping_add(first);
         let (own_a, own_b, own_c, own_d);
         let written = columns
             .as_mut_ptr()
             .cast::<u32>()
             .wrapping_add(cell % CELLS_PER_BYTE);
-        // SAFETY: the words are those of the samples, and of the cell in each column.
+        // SAFETY: the words are those of the samples, which are within the levels, and of the cell in each column.
         unsafe {
             asm!(
                 // A register that has been used is that of the next difference.
@@ -312,14 +326,14 @@ mod one_channel {
                 options(nostack, preserves_flags),
             );
         }
-        [own_a, own_b, own_c, own_d]
+        Some([own_a, own_b, own_c, own_d])
     }
 }
 
 /// The same in plain code.
 #[cfg(not(dsp_extension))]
 mod one_channel {
-    use super::{Column, GROUP, Group, LANES};
+    use super::{Column, GROUP, Group, run_at};
     use crate::armv7em::simd::{distance_u8x4, load};
     use core::array::from_fn;
 
@@ -327,12 +341,14 @@ mod one_channel {
         columns: &mut [Column; GROUP],
         cell: usize,
         centres: &Group,
-        samples: &[[u8; LANES]; GROUP],
+        levels: &[u8],
+        first: usize,
         partner: Group,
-    ) -> Group {
+    ) -> Option<Group> {
+        let samples = run_at(levels, first)?;
         let own = from_fn(|word| distance_u8x4(centres[word], load(&samples[word])));
         super::write_larger(columns, cell, &own, &partner);
-        own
+        Some(own)
     }
 }
 
