@@ -58,7 +58,9 @@ fn aggregate<const PAIRS: usize>(row: &mut AggregateRow<'_>) -> Option<()> {
     let mut paths = costs;
     let mut least = least_in(paths.first()?);
     for &p2 in p2_along {
-        let [previous, path] = paths.first_chunk_mut()?;
+        let Some([previous, path]) = paths.first_chunk_mut() else {
+            break;
+        };
         least = step(previous, None, path, [least, p1, splat_u8(p2)]);
         paths = paths.split_first_mut()?.1;
     }

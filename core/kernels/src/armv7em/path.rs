@@ -68,7 +68,7 @@ mod steps {
 
     /// The step of pair `$index` of the registers of a path. `below` and `above` bring the previous path costs one
     /// disparity below the first four and one above the last four to `{b}`. `write` takes the path costs, `{c}` and
-    /// `{d}`.
+    /// `{d}`. Subtractions and shifts set flags because these forms are shorter.
     macro_rules! pair {
         (
             $index:literal, below: [$($below:literal),*], above: [$($above:literal),+], write: [$($write:literal),+],
@@ -81,21 +81,21 @@ mod steps {
                     $($below,)*
                     "ldr {a}, [{previous}, #8 * {index} + 1]",
                     "uqsub8 {a}, {b}, {a}",
-                    "sub {a}, {b}, {a}",
+                    "subs {a}, {b}, {a}",
                     "uqadd8 {a}, {a}, {p1}",
                     "uqsub8 {a}, {c}, {a}",
-                    "sub {a}, {c}, {a}",
+                    "subs {a}, {c}, {a}",
                     "uqsub8 {a}, {ceiling}, {a}",
-                    "sub {a}, {p2}, {a}",
+                    "subs {a}, {p2}, {a}",
                     $($above,)+
                     "ldr {c}, [{previous}, #8 * {index} + 3]",
                     "uqsub8 {b}, {c}, {b}",
-                    "sub {b}, {c}, {b}",
+                    "subs {b}, {c}, {b}",
                     "uqadd8 {b}, {b}, {p1}",
                     "uqsub8 {b}, {d}, {b}",
-                    "sub {b}, {d}, {b}",
+                    "subs {b}, {d}, {b}",
                     "uqsub8 {b}, {ceiling}, {b}",
-                    "sub {b}, {p2}, {b}",
+                    "subs {b}, {p2}, {b}",
                     "ldrd {c}, {d}, [{costs}, #8 * {index}]",
                     "uqadd8 {c}, {c}, {a}",
                     "uqadd8 {d}, {d}, {b}",
@@ -103,7 +103,7 @@ mod steps {
                     a = out(reg) _, c = out(reg) _, d = out(reg) _,
                     index = const $index,
                     $($operands)+
-                    options(nostack, preserves_flags),
+                    options(nostack),
                 );
             }
         };
@@ -123,14 +123,14 @@ mod steps {
             { below: $below:tt, first: $first:tt, write: $write:tt, operands: $operands:tt }
         ) => {
             if $index == 0 {
-                pair!($index, below: ["lsl {b}, {c}, #8", "orr {b}, {b}, #255"],
+                pair!($index, below: ["lsls {b}, {c}, #8", "orr {b}, {b}, #255"],
                     above: ["ldr {b}, [{previous}, #8 * {index} + 5]"], write: $first, $operands);
             } else if $index + 1 < $pairs {
                 pair!($index, below: $below,
                     above: ["ldr {b}, [{previous}, #8 * {index} + 5]"], write: $write, $operands);
             } else if $index < $pairs {
                 pair!($index, below: $below,
-                    above: ["lsr {b}, {d}, #8", "orr {b}, {b}, #0xff000000"], write: $write, $operands);
+                    above: ["lsrs {b}, {d}, #8", "orr {b}, {b}, #0xff000000"], write: $write, $operands);
             }
         };
     }
@@ -149,14 +149,14 @@ mod steps {
             first: [
                 "strd {c}, {d}, [{path}, #8 * {index}]",
                 "uqsub8 {a}, {c}, {d}",
-                "sub {least}, {c}, {a}"
+                "subs {least}, {c}, {a}"
             ],
             write: [
                 "strd {c}, {d}, [{path}, #8 * {index}]",
                 "uqsub8 {a}, {least}, {c}",
-                "sub {least}, {least}, {a}",
+                "subs {least}, {least}, {a}",
                 "uqsub8 {a}, {least}, {d}",
-                "sub {least}, {least}, {a}"
+                "subs {least}, {least}, {a}"
             ],
             operands: [
                 b = out(reg) _, previous = in(reg) previous, costs = in(reg) costs,
@@ -180,14 +180,14 @@ mod steps {
             first: [
                 "strd {c}, {d}, [{costs}, #8 * {index}]",
                 "uqsub8 {a}, {c}, {d}",
-                "sub {least}, {c}, {a}"
+                "subs {least}, {c}, {a}"
             ],
             write: [
                 "strd {c}, {d}, [{costs}, #8 * {index}]",
                 "uqsub8 {a}, {least}, {c}",
-                "sub {least}, {least}, {a}",
+                "subs {least}, {least}, {a}",
                 "uqsub8 {a}, {least}, {d}",
-                "sub {least}, {least}, {a}"
+                "subs {least}, {least}, {a}"
             ],
             operands: [
                 b = out(reg) _, previous = in(reg) previous, costs = in(reg) &raw mut *path,
@@ -207,6 +207,7 @@ mod steps {
         [least, p1, p2]: [u32; 3],
     ) {
         let ceiling = add_saturating_u8x4(least, p2);
+        // Any value: the first pair has nothing below it.
         let mut below = ceiling;
         pairs!(PAIRS, {
             below: [],
