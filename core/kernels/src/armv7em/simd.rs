@@ -1,8 +1,8 @@
 //! Operations on the four bytes or two halfwords of a register.
 //!
-//! Lane 0 is the lowest, which is the first in memory. Of this set, this is the only module with
-//! `unsafe` code. Each use is an instruction that reads and writes only registers and flags, or loads words of a
-//! reference, or it is empty assembly that holds back the optimiser.
+//! Lane 0 is the lowest, which is the first in memory. Of this set, only this module and the steps in [`path`](super::path)
+//! and [`mask`](super::mask) have `unsafe` code. Here each use is an instruction that reads and writes only registers
+//! and flags, or loads words of a reference, or it is empty assembly that holds back the optimiser.
 
 /// Defines a function that is one instruction of two operands, or plain code on other targets.
 macro_rules! instruction {
