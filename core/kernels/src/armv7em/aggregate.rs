@@ -1,5 +1,7 @@
 //! SGM path costs of up to 64 disparities, four to a register.
 
+use core::cell::Cell;
+
 use bytemuck::try_cast_slice_mut;
 use vgstereo_core::kernel::AggregateRow;
 
@@ -28,41 +30,36 @@ pub(super) fn aggregate_paths(row: &mut AggregateRow<'_>) {
 /// words.
 #[inline(never)]
 fn aggregate<const PAIRS: usize>(row: &mut AggregateRow<'_>) -> Option<()> {
-    let costs = pixels_mut::<PAIRS>(row.costs)?;
-    let from_right = pixels_mut::<PAIRS>(row.from_right)?;
+    // Of both, a pixel and its neighbour are used at a time.
+    let costs = Cell::from_mut(pixels_mut::<PAIRS>(row.costs)?).as_slice_of_cells();
+    let from_right = Cell::from_mut(pixels_mut::<PAIRS>(row.from_right)?).as_slice_of_cells();
     let from_above = pixels_mut::<PAIRS>(row.from_above)?;
     let p1 = splat_u8(row.p1);
     let p2_along = row.p2_along.get(1..)?;
 
     // From the right. The penalty of a pixel is that between it and the one on its right.
     let (last, rest) = costs.split_last()?;
-    let mut paths = from_right.get_mut(..costs.len())?;
-    *paths.last_mut()? = *last;
-    let mut least = least_in(last);
-    for (costs, &p2) in rest.iter().zip(p2_along).rev() {
-        let [path, previous] = paths.last_chunk_mut()?;
+    let paths = from_right.get(..costs.len())?;
+    paths.last()?.set(last.get());
+    let mut least = least_in(&last.get());
+    let pixels = rest.iter().zip(paths.array_windows()).zip(p2_along);
+    for ((costs, [path, previous]), &p2) in pixels.rev() {
         least = step(previous, Some(costs), path, [least, p1, splat_u8(p2)]);
-        paths = paths.split_last_mut()?.1;
     }
 
     let rows = costs.iter().zip(from_above).zip(row.p2_down);
     for ((costs, from_above), &p2) in rows {
         if row.is_first {
-            *from_above = *costs;
+            *from_above = costs.get();
         } else {
             descend(from_above, costs, [p1, splat_u8(p2)]);
         }
     }
 
     // From the left; the path costs replace the matching costs.
-    let mut paths = costs;
-    let mut least = least_in(paths.first()?);
-    for &p2 in p2_along {
-        let Some([previous, path]) = paths.first_chunk_mut() else {
-            break;
-        };
+    let mut least = least_in(&costs.first()?.get());
+    for ([previous, path], &p2) in costs.array_windows().zip(p2_along) {
         least = step(previous, None, path, [least, p1, splat_u8(p2)]);
-        paths = paths.split_first_mut()?.1;
     }
     Some(())
 }

@@ -1,6 +1,8 @@
 //! A step along a path of SGM. In assembly, because the compiler does not find the registers for it, of which there are
 //! just enough.
 
+use core::cell::Cell;
+
 use super::simd::{in_order, min_u8x4};
 
 /// Path costs of a pixel, eight disparities to a pair of registers.
@@ -11,9 +13,9 @@ pub(super) type Path<const PAIRS: usize> = [[u32; 2]; PAIRS];
 /// returned.
 #[inline(always)]
 pub(super) fn step<const PAIRS: usize>(
-    previous: &Path<PAIRS>,
-    costs: Option<&Path<PAIRS>>,
-    path: &mut Path<PAIRS>,
+    previous: &Cell<Path<PAIRS>>,
+    costs: Option<&Cell<Path<PAIRS>>>,
+    path: &Cell<Path<PAIRS>>,
     penalties: [u32; 3],
 ) -> u32 {
     let least = match costs {
@@ -28,7 +30,7 @@ pub(super) fn step<const PAIRS: usize>(
 #[inline(always)]
 pub(super) fn descend<const PAIRS: usize>(
     path: &mut Path<PAIRS>,
-    costs: &Path<PAIRS>,
+    costs: &Cell<Path<PAIRS>>,
     [p1, p2]: [u32; 2],
 ) {
     let least = least_in(path);
@@ -62,6 +64,7 @@ fn least_of(quad: u32) -> u32 {
 #[allow(unsafe_code)]
 mod steps {
     use core::arch::asm;
+    use core::cell::Cell;
 
     use super::Path;
     use crate::armv7em::simd::add_saturating_u8x4;
@@ -138,9 +141,9 @@ mod steps {
     /// Writes a path; returns its least costs.
     #[inline(always)]
     pub(super) fn step<const PAIRS: usize>(
-        previous: &Path<PAIRS>,
-        costs: &Path<PAIRS>,
-        path: &mut Path<PAIRS>,
+        previous: &Cell<Path<PAIRS>>,
+        costs: &Cell<Path<PAIRS>>,
+        path: &Cell<Path<PAIRS>>,
         [mut least, p1, p2]: [u32; 3],
     ) -> u32 {
         let ceiling = add_saturating_u8x4(least, p2);
@@ -159,8 +162,8 @@ mod steps {
                 "subs {least}, {least}, {a}"
             ],
             operands: [
-                b = out(reg) _, previous = in(reg) previous, costs = in(reg) costs,
-                path = in(reg) &raw mut *path, p1 = in(reg) p1, p2 = in(reg) p2,
+                b = out(reg) _, previous = in(reg) previous.as_ptr(), costs = in(reg) costs.as_ptr(),
+                path = in(reg) path.as_ptr(), p1 = in(reg) p1, p2 = in(reg) p2,
                 ceiling = in(reg) ceiling, least = inout(reg) least,
             ]
         });
@@ -170,8 +173,8 @@ mod steps {
     /// Writes a path in place of its matching costs; returns its least costs.
     #[inline(always)]
     pub(super) fn step_in_place<const PAIRS: usize>(
-        previous: &Path<PAIRS>,
-        path: &mut Path<PAIRS>,
+        previous: &Cell<Path<PAIRS>>,
+        path: &Cell<Path<PAIRS>>,
         [mut least, p1, p2]: [u32; 3],
     ) -> u32 {
         let ceiling = add_saturating_u8x4(least, p2);
@@ -190,7 +193,7 @@ mod steps {
                 "subs {least}, {least}, {a}"
             ],
             operands: [
-                b = out(reg) _, previous = in(reg) previous, costs = in(reg) &raw mut *path,
+                b = out(reg) _, previous = in(reg) previous.as_ptr(), costs = in(reg) path.as_ptr(),
                 p1 = in(reg) p1, p2 = in(reg) p2, ceiling = in(reg) ceiling,
                 least = inout(reg) least,
             ]
@@ -203,7 +206,7 @@ mod steps {
     #[inline(always)]
     pub(super) fn descend<const PAIRS: usize>(
         path: &mut Path<PAIRS>,
-        costs: &Path<PAIRS>,
+        costs: &Cell<Path<PAIRS>>,
         [least, p1, p2]: [u32; 3],
     ) {
         let ceiling = add_saturating_u8x4(least, p2);
@@ -220,7 +223,7 @@ mod steps {
                 "strd {c}, {d}, [{previous}, #8 * {index}]"
             ],
             operands: [
-                b = inout(reg) below, previous = in(reg) &raw mut *path, costs = in(reg) costs,
+                b = inout(reg) below, previous = in(reg) &raw mut *path, costs = in(reg) costs.as_ptr(),
                 p1 = in(reg) p1, p2 = in(reg) p2, ceiling = in(reg) ceiling,
             ]
         });
@@ -233,35 +236,36 @@ mod steps {
 mod steps {
     use bytemuck::must_cast_slice;
     use core::array::from_fn;
+    use core::cell::Cell;
 
     use super::Path;
     use crate::armv7em::simd::{add_saturating_u8x4, load, min_u8x4, sub_saturating_u8x4};
 
     pub(super) fn step<const PAIRS: usize>(
-        previous: &Path<PAIRS>,
-        costs: &Path<PAIRS>,
-        path: &mut Path<PAIRS>,
+        previous: &Cell<Path<PAIRS>>,
+        costs: &Cell<Path<PAIRS>>,
+        path: &Cell<Path<PAIRS>>,
         penalties: [u32; 3],
     ) -> u32 {
-        *path = next(previous, costs, penalties);
-        path.as_flattened().iter().copied().fold(u32::MAX, min_u8x4)
+        let next = next(&previous.get(), &costs.get(), penalties);
+        path.set(next);
+        next.as_flattened().iter().copied().fold(u32::MAX, min_u8x4)
     }
 
     pub(super) fn step_in_place<const PAIRS: usize>(
-        previous: &Path<PAIRS>,
-        path: &mut Path<PAIRS>,
+        previous: &Cell<Path<PAIRS>>,
+        path: &Cell<Path<PAIRS>>,
         penalties: [u32; 3],
     ) -> u32 {
-        let costs = *path;
-        step(previous, &costs, path, penalties)
+        step(previous, path, path, penalties)
     }
 
     pub(super) fn descend<const PAIRS: usize>(
         path: &mut Path<PAIRS>,
-        costs: &Path<PAIRS>,
+        costs: &Cell<Path<PAIRS>>,
         penalties: [u32; 3],
     ) {
-        *path = next(path, costs, penalties);
+        *path = next(path, &costs.get(), penalties);
     }
 
     fn next<const PAIRS: usize>(
