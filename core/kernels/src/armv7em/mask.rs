@@ -250,7 +250,8 @@ fn run_at(levels: &[u8], start: usize) -> Option<&[[u8; LANES]; GROUP]> {
 #[inline(always)]
 fn write_larger(columns: &mut [Column; GROUP], cell: usize, a: &Group, b: &Group) {
     for ((column, &a), &b) in columns.iter_mut().zip(a).zip(b) {
-        store(max_u8x4(a, b), &mut column[cell]);
+        // The remainder changes nothing, but shows the compiler that the index is in range.
+        store(max_u8x4(a, b), &mut column[cell % CELLS_PER_BYTE]);
     }
 }
 
