@@ -185,7 +185,7 @@ fn compare<const CHANNELS: usize>(block: &mut MaskBlock<'_>) -> Option<()> {
         }
         let first = block.first + shift;
         // Backwards, because a synapse's partner is the one after it; two at a time, so that
-        // neither value has to be moved to another register.
+        // few values have to be moved to another register.
         let mut partner = differences(&levels, &centres, first, *block.starts.first()?)?;
         let bytes = cells
             .iter_mut()
@@ -193,10 +193,23 @@ fn compare<const CHANNELS: usize>(block: &mut MaskBlock<'_>) -> Option<()> {
         for (columns, starts) in bytes.rev() {
             let columns: &mut [Column; GROUP] = columns.as_chunks_mut().0.get_mut(group)?;
             for (cell, starts) in starts.as_chunks::<2>().0.iter().enumerate().rev() {
-                let second = differences(&levels, &centres, first, starts[1])?;
-                write_larger(columns, 2 * cell + 1, &second, &partner);
-                partner = differences(&levels, &centres, first, starts[0])?;
-                write_larger(columns, 2 * cell, &partner, &second);
+                for (cell, start) in [(2 * cell + 1, starts[1]), (2 * cell, starts[0])] {
+                    partner = if CHANNELS == 1 {
+                        let first = start as usize + first;
+                        one_channel::write_larger(
+                            columns,
+                            cell,
+                            &centres[0],
+                            levels[0],
+                            first,
+                            partner,
+                        )?
+                    } else {
+                        let own = differences(&levels, &centres, first, start)?;
+                        write_larger(columns, cell, &own, &partner);
+                        own
+                    };
+                }
             }
         }
     }
@@ -237,7 +250,106 @@ fn run_at(levels: &[u8], start: usize) -> Option<&[[u8; LANES]; GROUP]> {
 #[inline(always)]
 fn write_larger(columns: &mut [Column; GROUP], cell: usize, a: &Group, b: &Group) {
     for ((column, &a), &b) in columns.iter_mut().zip(a).zip(b) {
-        store(max_u8x4(a, b), &mut column[cell]);
+        // The remainder changes nothing, but shows the compiler that the index is in range.
+        store(max_u8x4(a, b), &mut column[cell % CELLS_PER_BYTE]);
+    }
+}
+
+/// The same as [`differences`] and [`write_larger`], in registers: the compiler does not find enough for both.
+#[cfg(dsp_extension)]
+#[allow(unsafe_code)]
+mod one_channel {
+    use core::arch::asm;
+
+    use super::{Column, GROUP, Group, LANES};
+    use vgstereo_core::kernel::CELLS_PER_BYTE;
+
+    /// Writes the differences of a cell: the larger of those of its samples, of which the first is `first` of the
+    /// levels, from the centre pixels and of its partner. Returns the former, or `None` if a sample is not within the
+    /// levels.
+    #[inline(always)]
+    pub(super) fn write_larger(
+        columns: &mut [Column; GROUP],
+        cell: usize,
+        centres: &Group,
+        levels: &[u8],
+        first: usize,
+        [a, b, c, d]: Group,
+    ) -> Option<Group> {
+        // One comparison, where that of a slice takes two.
+        if first > levels.len().checked_sub(GROUP * LANES)? {
+            return None;
+        }
+        let samples = levels.as_ptr().wrapping_add(first);
+        let (own_a, own_b, own_c, own_d);
+        let written = columns
+            .as_mut_ptr()
+            .cast::<u32>()
+            .wrapping_add(cell % CELLS_PER_BYTE);
+        // SAFETY: the words are those of the samples, which are within the levels, and of the cell in each column.
+        unsafe {
+            asm!(
+                // A register that has been used is that of the next difference.
+                "ldr {own}, [{samples}]",
+                "uqsub8 {less}, {centre_a}, {own}",
+                "uqsub8 {own}, {own}, {centre_a}",
+                "orr {own}, {own}, {less}",
+                "uqsub8 {less}, {a}, {own}",
+                "add {less}, {less}, {own}",
+                "str {less}, [{written}]",
+                "ldr {a}, [{samples}, #4]",
+                "uqsub8 {less}, {centre_b}, {a}",
+                "uqsub8 {a}, {a}, {centre_b}",
+                "orr {a}, {a}, {less}",
+                "uqsub8 {less}, {b}, {a}",
+                "add {less}, {less}, {a}",
+                "str {less}, [{written}, #{column}]",
+                "ldr {b}, [{samples}, #8]",
+                "uqsub8 {less}, {centre_c}, {b}",
+                "uqsub8 {b}, {b}, {centre_c}",
+                "orr {b}, {b}, {less}",
+                "uqsub8 {less}, {c}, {b}",
+                "add {less}, {less}, {b}",
+                "str {less}, [{written}, #2 * {column}]",
+                "ldr {c}, [{samples}, #12]",
+                "uqsub8 {less}, {centre_d}, {c}",
+                "uqsub8 {c}, {c}, {centre_d}",
+                "orr {c}, {c}, {less}",
+                "uqsub8 {less}, {d}, {c}",
+                "add {less}, {less}, {c}",
+                "str {less}, [{written}, #3 * {column}]",
+                samples = in(reg) samples, written = in(reg) written,
+                centre_a = in(reg) centres[0], centre_b = in(reg) centres[1],
+                centre_c = in(reg) centres[2], centre_d = in(reg) centres[3],
+                own = out(reg) own_a, a = inout(reg) a => own_b, b = inout(reg) b => own_c,
+                c = inout(reg) c => own_d, d = in(reg) d, less = out(reg) _,
+                column = const size_of::<Column>(),
+                options(nostack, preserves_flags),
+            );
+        }
+        Some([own_a, own_b, own_c, own_d])
+    }
+}
+
+/// The same in plain code.
+#[cfg(not(dsp_extension))]
+mod one_channel {
+    use super::{Column, GROUP, Group, run_at};
+    use crate::armv7em::simd::{distance_u8x4, load};
+    use core::array::from_fn;
+
+    pub(super) fn write_larger(
+        columns: &mut [Column; GROUP],
+        cell: usize,
+        centres: &Group,
+        levels: &[u8],
+        first: usize,
+        partner: Group,
+    ) -> Option<Group> {
+        let samples = run_at(levels, first)?;
+        let own = from_fn(|word| distance_u8x4(centres[word], load(&samples[word])));
+        super::write_larger(columns, cell, &own, &partner);
+        Some(own)
     }
 }
 

@@ -1,8 +1,8 @@
 //! Operations on the four bytes or two halfwords of a register.
 //!
-//! Lane 0 is the lowest, which is the first in memory. Of this set, this is the only module with
-//! `unsafe` code. Each use is an instruction that reads and writes only registers and flags, or loads words of a
-//! reference, or it is empty assembly that holds back the optimiser.
+//! Lane 0 is the lowest, which is the first in memory. Of this set, only this module and the steps in [`path`](super::path)
+//! and [`mask`](super::mask) have `unsafe` code. Here each use is an instruction that reads and writes only registers
+//! and flags, or loads words of a reference, or it is empty assembly that holds back the optimiser.
 
 /// Defines a function that is one instruction of two operands, or plain code on other targets.
 macro_rules! instruction {
@@ -507,17 +507,6 @@ pub(crate) fn odd_bytes(a: u32) -> u32 {
     {
         a >> 8 & 0x00ff_00ff
     }
-}
-
-/// Calls `body` with each index from 0 to `COUNT - 1`, at most 15, without a loop, so that every
-/// index is a constant.
-#[inline(always)]
-pub(crate) fn unrolled<const COUNT: usize>(mut body: impl FnMut(usize)) {
-    const { assert!(COUNT <= 16) };
-    macro_rules! unroll {
-        ($($index:literal)*) => { $(if $index < COUNT { body($index); })* };
-    }
-    unroll!(0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15);
 }
 
 /// The byte in all four lanes.

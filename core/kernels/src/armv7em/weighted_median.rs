@@ -243,23 +243,36 @@ fn list_row<const CHANNELS: usize, const CLEAR: bool>(
         before[channel] = u32::from(u16::from_le_bytes(first));
         levels[channel] = rest.get(..count)?;
     }
-    let values = (taps.values.get(..count)?, taps.values.get(1..count + 1)?);
-    let list = list.get_mut(..count)?;
-    let mut listed = 0;
-    for tap in 0..count {
+    let (&first, values) = taps.values.split_first()?;
+    let mut value_pair = pair_of(&first);
+    let mut slots = list.get_mut(..count)?.iter_mut();
+    let values = values.get(..count)?;
+    let taps = levels[0].iter().zip(places).zip(values).enumerate();
+    for (tap, ((&level_pair, &place), next)) in taps {
         let mut difference = 0;
         for channel in 0..CHANNELS {
-            let pair = u32::from(u16::from_le_bytes(levels[channel][tap]));
+            let pair = if channel == 0 {
+                level_pair
+            } else {
+                *levels[channel].get(tap)?
+            };
+            let pair = u32::from(u16::from_le_bytes(pair));
             let four = before[channel] | pair << 16;
             before[channel] = pair;
             let distance = distance_u8x4(centres[channel], four);
-            difference = add_saturating_u8x4(difference, distance);
+            difference = if channel == 0 {
+                distance
+            } else {
+                add_saturating_u8x4(difference, distance)
+            };
         }
+        let values = [value_pair, in_order(pair_of(next))];
+        value_pair = values[1];
         let likeness = sub_saturating_u8x4(reach, difference);
         if likeness == 0 {
             continue;
         }
-        let by_likeness = &table[usize::from(places[tap]) % PLACES];
+        let by_likeness = &table[usize::from(place) % PLACES];
         let weight = |lane: u32| {
             // The likeness fits six bits.
             u32::from(by_likeness[(likeness >> (8 * lane)) as usize % LIKENESSES])
@@ -267,17 +280,15 @@ fn list_row<const CHANNELS: usize, const CLEAR: bool>(
         let mut weights = in_order(weight(0) | weight(1) << 16);
         weights = in_order(weights | weight(2) << 8);
         weights = in_order(weights | weight(3) << 24);
-        let values = [pair_of(&values.0[tap]), pair_of(&values.1[tap])];
         if !CLEAR {
             let least = splat_u16((INVALID + 1).cast_unsigned());
             let known = |values, byte| select_ge_i16x2(values, least, byte, 0);
             weights &= known(values[0], splat_u16(0xff)) | known(values[1], splat_u16(0xff00));
         }
         let [a, b] = from_fn(|word| sub_to_u8x2(values[word], origins[word]));
-        *list.get_mut(listed)? = [a | b << 8, weights];
-        listed += 1;
+        *slots.next()? = [a | b << 8, weights];
     }
-    Some(listed)
+    Some(count - slots.len())
 }
 
 /// Sums the weights of each of the four pixels.

@@ -10,7 +10,8 @@ use bytemuck::try_cast_slice_mut;
 use vgstereo_core::kernel::{self, AggregateRow, NO_COST};
 
 use super::least::least;
-use crate::armv7em::simd::{splat_u8, unrolled};
+use super::unrolled::unrolled;
+use crate::armv7em::simd::splat_u8;
 
 /// Disparities whose path costs share a word.
 const QUAD: usize = 4;

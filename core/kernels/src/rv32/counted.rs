@@ -5,7 +5,7 @@ use core::array::from_fn;
 
 use super::group::{BLOCK, Group, POSITIONS};
 use super::levels::{LevelCosts, PLACES, cost_at};
-use crate::armv7em::simd::unrolled;
+use super::unrolled::unrolled;
 
 /// Writes the costs of a group, whose patterns have `WORDS` words.
 #[inline(never)]

@@ -17,6 +17,7 @@ mod levels;
 mod memory;
 mod packed;
 mod select;
+mod unrolled;
 
 use vgstereo_core::forward_kernels;
 use vgstereo_core::kernel::{AggregateRow, CheckRow, CostRun, Kernels, Portable};

@@ -11,8 +11,9 @@ use vgstereo_core::kernel::{self, AggregateRow};
 
 use super::group::MAX_STRIDE;
 use super::least::least;
+use super::unrolled::unrolled;
 use crate::armv7em::select::{DISPARITIES_MIN, INDEX_BITS, INDEX_MASK, Subpixel};
-use crate::armv7em::simd::{even_bytes, odd_bytes, splat_u16, unrolled};
+use crate::armv7em::simd::{even_bytes, odd_bytes, splat_u16};
 
 /// Bits below the sum in a key.
 const SUM_SHIFT: u32 = 16 + INDEX_BITS;

@@ -1,5 +1,5 @@
-//! Comparison of every kernel of the set `Helium` with the reference, on random tasks, on the emulated
-//! board: no host has the instructions. The tasks are those of the suite in `core/kernels/tests/suite`.
+//! Comparison of every kernel of the sets `Helium` and `Armv7em` with the reference, on random tasks, on the emulated
+//! board: no host has the instructions of either. The tasks are those of the suite in `core/kernels/tests/suite`.
 //!
 //! Ends the emulation with an error that names the kernel and the seed of the first task in which they
 //! differ. The kernels are built with debug assertions, which check that loads and stores stay in their
@@ -15,12 +15,12 @@ use rand_pcg::Pcg32;
 use semihosting::{print, println, process};
 use static_cell::ConstStaticCell;
 use vgstereo_core::kernel::{MASK_LANES, MAX_TAP_ROWS, PixelFormat, Portable};
-use vgstereo_kernels::Helium;
 use vgstereo_kernels::cases::{
     AggregateCase, ArmsCase, Case, ChannelCase, CheckCase, ConvertCase, CostCase, LumaCase,
     MaskCase, Median9Case, PackCase, PathsCase, PenaltyCase, RecallCase, ResampleCase, RivalsCase,
     SelectCase, SmoothCase, WeightedMedianCase, below, byte, generator,
 };
+use vgstereo_kernels::{Armv7em, Helium};
 
 /// Number of tasks of each kernel.
 const TASKS: u64 = 200;
@@ -39,10 +39,11 @@ macro_rules! compare {
         }
         print!("{} ", $kernel);
     };
-    // For three rows of a frame: `$next` makes the next row.
-    ($kernel:literal, |$random:ident| $case:expr, |$made:ident| $next:expr) => {
+    // For three rows of a frame: `$next` makes the next row, given the largest cost of all, which bounds the penalties.
+    ($kernel:literal, |$random:ident, $cost_max:ident| $case:expr, |$made:ident| $next:expr) => {
         for seed in 0..TASKS {
             let $random = &mut generator(seed);
+            let $cost_max = largest_cost($random);
             let mut case = $case;
             for _ in 0..3 {
                 is_alike($kernel, seed, &mut case);
@@ -54,12 +55,22 @@ macro_rules! compare {
     };
 }
 
-/// Asserts that the set and the reference have the same output. `case` keeps the set's.
+/// Asserts that the sets and the reference have the same output. `case` keeps that of one.
 fn is_alike<C: Case>(kernel: &str, seed: u64, case: &mut C) {
     let mut reference = case.clone();
     reference.run(Portable);
+    let expected = reference.output();
+    drop(reference);
+    let mut without_vectors = case.clone();
+    without_vectors.run(Armv7em);
+    let is_alike = without_vectors.output() == expected;
+    assert!(
+        is_alike,
+        "{kernel} of Armv7em differs from the reference, seed {seed}"
+    );
+    drop(without_vectors);
     case.run(Helium);
-    let is_alike = case.output() == reference.output();
+    let is_alike = case.output() == expected;
     assert!(is_alike, "{kernel} differs from the reference, seed {seed}");
 }
 
@@ -169,15 +180,11 @@ fn paths() {
     });
     compare!(
         "aggregate_paths",
-        |random| {
+        |random, cost_max| {
             let (width, disparities) = (within(random, 1, 59), disparities(random));
-            let cost_max = largest_cost(random);
             PathsCase(AggregateCase::random(random, width, disparities, cost_max))
         },
-        |case| {
-            let cost_max = largest_cost(random);
-            case.0.next_row(random, cost_max)
-        }
+        |case| case.0.next_row(random, cost_max)
     );
     compare!("select_row", |random| {
         let (width, disparities) = (within(random, 1, 59), disparities(random));
@@ -186,15 +193,11 @@ fn paths() {
     });
     compare!(
         "aggregate_row",
-        |random| {
+        |random, cost_max| {
             let (width, disparities) = (within(random, 1, 59), disparities(random));
-            let cost_max = largest_cost(random);
             AggregateCase::random(random, width, disparities, cost_max)
         },
-        |case| {
-            let cost_max = largest_cost(random);
-            case.next_row(random, cost_max)
-        }
+        |case| case.next_row(random, cost_max)
     );
     compare!("rivals_row", |random| {
         let (width, disparities) = (within(random, 1, 149), within(random, 1, 69));
