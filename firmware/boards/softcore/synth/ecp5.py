@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Synthesises the soft core with VexRiscv for an ECP5-85F, places and routes it, and makes bitstreams.
+"""Synthesises the soft core for an ECP5-85F, places and routes it, and makes bitstreams.
 
 It prints what the system takes, and how fast it may be clocked.
 
@@ -35,6 +35,8 @@ SYNTH = pathlib.Path("firmware/boards/softcore/synth")
 # Words of the memories: of code with and without a stereo unit, and of data.
 CODE_WORDS = {True: 53248, False: 65536}
 DATA_WORDS = 24576
+# The processors: their packages, and the folders of what is around them, have their names.
+CPUS = ("vexriscv", "cv32e40p")
 # The module of each board; without a board, that of the system alone.
 BOARDS = {None: "soc", "ulx3s": "ulx3s"}
 # The clock that a board's PLL makes of that at its pin, MHz, and the line of the constraints that says what is at the pin.
@@ -55,16 +57,24 @@ def tool(name, arguments, log, environment=None):
         sys.exit(f"error: {name} failed: see {log}")
 
 
-def processor():
-    """The path of the processor in Verilog, below the top folder."""
-    package = importlib.util.find_spec("pythondata_cpu_vexriscv")
+def processor(cpu):
+    """The paths of a processor's sources, below the top folder, in the order that their packages ask for."""
+    package = importlib.util.find_spec(f"pythondata_cpu_{cpu}")
     if package is None:
-        sys.exit("error: there is no VexRiscv: install requirements.txt as the help says, and run that Python")
-    path = pathlib.Path(package.origin).parent / "verilog/VexRiscv_FullCfu.v"
+        sys.exit(f"error: there is no {cpu}: install requirements.txt as the help says, and run that Python")
+    folder = pathlib.Path(package.origin).parent
+    if cpu == "vexriscv":
+        paths = [folder / "verilog/VexRiscv_FullCfu.v"]
+    else:
+        folder /= "system_verilog"
+        listed = (folder / "cv32e40p_manifest.flist").read_text(encoding="utf-8").split()
+        names = [line.removeprefix("${DESIGN_RTL_DIR}/") for line in listed if line.startswith("${DESIGN_RTL_DIR}/")]
+        # The others simulate what is around.
+        paths = [folder / "rtl" / name for name in names if not name.startswith("..")]
     try:
-        return path.relative_to(ROOT)
+        return [path.relative_to(ROOT) for path in paths]
     except ValueError:
-        sys.exit(f"error: {path}: the tools see only what is below {ROOT}: install it in target/softcore/synth")
+        sys.exit(f"error: {folder}: the tools see only what is below {ROOT}: install it in target/softcore/synth")
 
 
 def memories(folder, lanes):
@@ -72,16 +82,16 @@ def memories(folder, lanes):
     return {folder / "code.hex": CODE_WORDS[lanes > 0], folder / "data.hex": DATA_WORDS}
 
 
-def synthesise(folder, lanes, board):
-    """Makes the netlist, folder/soc.json, with a stereo unit that makes so many costs in a cycle."""
+def synthesise(folder, cpu, lanes, board):
+    """Makes the netlist, folder/soc.json, of a processor and a stereo unit that makes so many costs in a cycle."""
     generator = random.Random(1)
     settings = [f"-G UNIT_LANES={lanes}"]
     for path, words in memories(folder, lanes).items():
         lines = "".join(f"{generator.getrandbits(32):08x}\n" for _ in range(words))
         (ROOT / path).write_text(lines, encoding="ascii")
         settings.append(f'-G {path.stem.upper()}_FILE="{path}"')
-    ours = [path for name in ("*.sv", "vexriscv/*.sv") for path in sorted((ROOT / RTL).glob(name))]
-    sources = [processor(), *(path.relative_to(ROOT) for path in ours)]
+    ours = [path for name in ("*.sv", f"{cpu}/*.sv") for path in sorted((ROOT / RTL).glob(name))]
+    sources = [*processor(cpu), *(path.relative_to(ROOT) for path in ours)]
     top = BOARDS[board]
     around = f"read_verilog {SYNTH}/{board}.v\n" if board is not None else ""
     script = folder / "soc.ys"
@@ -186,6 +196,9 @@ def main():
         "--unit", type=int, default=16, choices=(0, 8, 16, 32), metavar="N",
         help="costs that the stereo unit makes in a cycle: 8, 16 or 32; 0 for no unit (default 16)",
     )
+    parser.add_argument(
+        "--cpu", choices=CPUS, default=CPUS[0], help=f"the processor (default {CPUS[0]})"
+    )
     parser.add_argument("--board", choices=[name for name in BOARDS if name], help="a board's pins and clocks")
     parser.add_argument("--mhz", type=float, default=60.0, help="clock of the system to aim for (default 60)")
     parser.add_argument(
@@ -194,7 +207,7 @@ def main():
     )
     arguments = parser.parse_args()
     board = arguments.board
-    name = f"{board or 'ecp5'}-{arguments.unit}"
+    name = f"{board or 'ecp5'}-{arguments.unit}" + (f"-{arguments.cpu}" if arguments.cpu != CPUS[0] else "")
     folder = pathlib.Path(f"target/softcore/{name}")
     (ROOT / folder).mkdir(parents=True, exist_ok=True)
     if arguments.image is not None:
@@ -203,7 +216,7 @@ def main():
         print(pack(folder, arguments.seeds, arguments.unit, arguments.image))
         return
     print("synthesising", file=sys.stderr)
-    synthesise(folder, arguments.unit, board)
+    synthesise(folder, arguments.cpu, arguments.unit, board)
     print("| seed | LUT4 | flip-flops | block RAM of 208 | multipliers | system MHz | PCLK MHz |")
     print("|---:|---:|---:|---:|---:|---:|---:|")
     for seed in range(1, arguments.seeds + 1):
