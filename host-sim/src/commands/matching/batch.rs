@@ -35,8 +35,10 @@ pub(super) fn rows<T>(
         failed: Ok(()),
     });
     let rows = Mutex::new(Vec::new());
+    // A function of its own, so that the lock is let go before the pair is matched.
+    let take = || locked(&untaken).take();
     let work = || {
-        while let Some((index, pair)) = locked(&untaken).take() {
+        while let Some((index, pair)) = take() {
             let row = row(pair);
             bar.suspend(|| row.tell());
             let mut rows = locked(&rows);
@@ -76,4 +78,32 @@ impl<T, N: FnMut() -> Result<Option<T>>> Untaken<N> {
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+    use std::time::Duration;
+
+    use anyhow::anyhow;
+
+    use super::*;
+
+    /// Each of two pairs waits until the other has begun.
+    #[test]
+    fn threads_match_at_the_same_time() {
+        type Ends = (SyncSender<()>, Receiver<()>);
+        let (first, second) = (sync_channel(1), sync_channel(1));
+        let mut pairs: Vec<Ends> = vec![(first.0, second.1), (second.0, first.1)];
+        let next = || Ok(pairs.pop());
+        let row = |(begun, other): Ends| {
+            begun.send(()).unwrap();
+            let met = other.recv_timeout(Duration::from_secs(60));
+            let matched = Err(anyhow!(if met.is_ok() { "met" } else { "alone" }));
+            Row::new(String::new(), Vec::new(), matched)
+        };
+        let rows = rows(2, &ProgressBar::hidden(), next, row, |_| {}).unwrap();
+        let errors: Vec<_> = rows.iter().map(|row| row.error.as_deref()).collect();
+        assert_eq!(errors, [Some("met"); 2]);
+    }
 }

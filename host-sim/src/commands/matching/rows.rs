@@ -34,7 +34,7 @@ pub(super) struct Row {
     figures: Option<Figures>,
     /// Why it was not matched.
     #[serde(skip_serializing_if = "Option::is_none")]
-    error: Option<String>,
+    pub(super) error: Option<String>,
 }
 
 /// The figures of a pair that was matched.
