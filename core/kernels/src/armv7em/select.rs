@@ -354,13 +354,6 @@ fn select<const PAIRS: usize>(
                 .sum::<u32>()
         }
     };
-    let before = index.wrapping_sub(1);
-    let step_q4 = if before < disparities as u32 - 2 && before < 8 * PAIRS as u32 - 2 {
-        let sum = sums(before, 3);
-        subpixel.step_q4(sum(0) - least, sum(2) - least)
-    } else {
-        0
-    };
     // The best disparity and its neighbours are in two pairs; the fourth disparity in these pairs
     // is two before an even best disparity and two after an odd one. It is compared by itself.
     let outer = (index + 4 * (index % 2)).wrapping_sub(2);
@@ -376,10 +369,18 @@ fn select<const PAIRS: usize>(
     if outer < disparities as u32 && outer < 8 * PAIRS as u32 {
         second = second.min(sums(outer, 1)(0));
     }
+    let margin = in_order(second - least);
+    let before = index.wrapping_sub(1);
+    let step_q4 = if before < disparities as u32 - 2 && before < 8 * PAIRS as u32 - 2 {
+        let sum = sums(before, 3);
+        subpixel.step_q4(sum(0) - least, sum(2) - least)
+    } else {
+        0
+    };
     Selected {
         index: index as u16,
         refined_index_q4: (index as i32 * i32::from(STEPS_PER_PX) + step_q4) as i16,
-        margin: (second - least) as i16,
+        margin: margin as i16,
     }
 }
 
