@@ -1,9 +1,9 @@
 //! Operations on the four bytes or two halfwords of a register.
 //!
-//! Lane 0 is the lowest, which is the first in memory. Of this set, only this module, the steps in [`path`](super::path)
-//! and [`mask`](super::mask) and the keys in [`select`](super::select) have `unsafe` code. Here each use is an
-//! instruction that reads and writes only registers and flags, or loads words of a reference, or it is empty assembly
-//! that holds back the optimiser, or a list that is written without a test of its end for each item.
+//! Lane 0 is the lowest, which is the first in memory. Of this set, only this module and loops of assembly in
+//! [`path`](super::path), [`mask`](super::mask), [`select`](super::select) and [`pack`](super::pack) have `unsafe` code.
+//! Here each use is an instruction that reads and writes only registers and flags, or loads words of a reference, or it
+//! is empty assembly that holds back the optimiser, or a list that is written without a test of its end for each item.
 
 /// Defines a function that is one instruction of two operands, or plain code on other targets.
 macro_rules! instruction {
