@@ -1,7 +1,8 @@
 //! Operations on the four bytes or two halfwords of a register.
 //!
 //! Lane 0 is the lowest, which is the first in memory. Of this set, only this module and loops of assembly in
-//! [`path`](super::path), [`mask`](super::mask), [`select`](super::select) and [`pack`](super::pack) have `unsafe` code.
+//! [`path`](super::path), [`mask`](super::mask), [`select`](super::select), [`pack`](super::pack) and
+//! [`smooth`](super::smooth) have `unsafe` code.
 //! Here each use is an instruction that reads and writes only registers and flags, or loads words of a reference, or it
 //! is empty assembly that holds back the optimiser, or a list that is written without a test of its end for each item.
 
@@ -169,26 +170,11 @@ pub(super) fn saturate_to_u8x2(a: u32) -> u32 {
 }
 
 /// Subtracts bytes modulo 256.
+#[cfg(not(dsp_extension))]
 #[inline(always)]
 #[must_use]
 pub(super) fn sub_wrapping_u8x4(a: u32, b: u32) -> u32 {
-    #[cfg(dsp_extension)]
-    {
-        let result;
-        // SAFETY: the instruction works on registers and flags alone.
-        unsafe {
-            core::arch::asm!(
-                "usub8 {}, {}, {}",
-                lateout(reg) result, in(reg) a, in(reg) b,
-                options(pure, nomem, nostack),
-            );
-        }
-        result
-    }
-    #[cfg(not(dsp_extension))]
-    {
-        lanes::difference::<BYTES>(a, b)
-    }
+    lanes::difference::<BYTES>(a, b)
 }
 
 /// Defines a function that compares all lanes, and selects by the flags that the comparison sets.
