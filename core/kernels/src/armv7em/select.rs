@@ -170,23 +170,25 @@ impl<'a> Others<'a> {
     /// Writes the best matches of the positions that the pixel reaches from `disparity` on, as
     /// [`AggregateRow::other_best`].
     fn write(&self, disparity: usize, best: &mut [u32]) {
-        let places = [self.place(disparity), self.place(disparity + 1)];
+        let runs = [disparity, disparity + 1].map(|disparity| {
+            let keys = self.keys.get(self.place(disparity)..);
+            keys.unwrap_or_default().as_chunks().0
+        });
         let (pairs, rest) = best.as_chunks_mut();
-        for ([a, b], step) in pairs.iter_mut().zip((0..).step_by(2)) {
-            [*a, *b] = places.map(|place| self.best(place + step));
+        for (([a, b], &first), &second) in pairs.iter_mut().zip(runs[0]).zip(runs[1]) {
+            [*a, *b] = [first, second].map(best_of);
         }
-        for other in rest {
-            *other = self.best(places[0] + 2 * pairs.len());
+        for (other, &key) in rest.iter_mut().zip(runs[0].iter().skip(pairs.len())) {
+            *other = best_of(key);
         }
     }
+}
 
-    /// Best match whose key is at `place`, as `sum << 16 | index`.
-    #[inline(always)]
-    fn best(&self, place: usize) -> u32 {
-        let key = self.keys.get(place..).and_then(<[u8]>::first_chunk);
-        let key = key.map_or(0, |key| u32::from(u16::from_le_bytes(*key)));
-        opaque(key >> INDEX_BITS) << 16 | key & INDEX_MASK
-    }
+/// The best match with this key, as `sum << 16 | index`.
+#[inline(always)]
+fn best_of(key: [u8; 2]) -> u32 {
+    let key = u32::from(u16::from_le_bytes(key));
+    opaque(key >> INDEX_BITS) << 16 | key & INDEX_MASK
 }
 
 /// The keys of a pixel as instructions, of eight disparities at a time.
