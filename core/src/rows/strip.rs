@@ -171,8 +171,9 @@ impl<'m> Strip<'m> {
             padding: self.ring.padding(),
             order: self.order,
             slot: self.ring.slot(line),
-            above: line,
-            below: newest - line,
+            // More than an offset reaches is as good as that.
+            above: line.min(u8::MAX.into()) as i32,
+            below: (newest - line).min(u8::MAX.into()) as i32,
         }
     }
 
@@ -207,9 +208,9 @@ pub struct StripWindow<'a> {
     /// Index of the place at which the middle line is stored.
     slot: usize,
     /// Number of lines of the frame above the middle line.
-    above: u32,
+    above: i32,
     /// Number of lines below the middle line, up to the newest.
-    below: u32,
+    below: i32,
 }
 
 impl<'a> StripWindow<'a> {
@@ -220,7 +221,7 @@ impl<'a> StripWindow<'a> {
     #[inline(always)]
     pub fn samples(&self, offset: Offset, first: usize, count: usize) -> &'a [u8] {
         let start = self.start(offset, first, count);
-        let samples = start.and_then(|start| self.pixels.get(start..start + count));
+        let samples = start.and_then(|start| self.pixels.get(start..)?.get(..count));
         samples.unwrap_or_default()
     }
 
@@ -229,40 +230,31 @@ impl<'a> StripWindow<'a> {
     #[must_use]
     #[inline(always)]
     pub fn start(&self, offset: Offset, first: usize, count: usize) -> Option<usize> {
-        let column = self.column(offset.dx, first)?;
-        (column + count <= self.stride).then_some(self.row(offset.dy)? + column)
+        let column = self.column(offset.dx, first);
+        let last = self.stride.checked_sub(count)?;
+        (column <= last).then(|| self.row(offset.dy).wrapping_add(column))
     }
 
     /// Index in [`Strip::pixels`] at which the line begins that is `dy` below the middle one.
     #[inline(always)]
-    fn row(&self, dy: i8) -> Option<usize> {
-        let distance = u32::from(dy.unsigned_abs());
-        let slot = if dy < 0 {
-            let up = distance.min(self.above) as usize;
-            // Below the first slot comes the last.
-            match self.slot.checked_sub(up) {
-                Some(slot) => slot,
-                None => (self.slot + self.depth).checked_sub(up)?,
-            }
-        } else {
-            let slot = self.slot + distance.min(self.below) as usize;
-            if slot < self.depth {
-                slot
-            } else {
-                slot - self.depth
-            }
-        };
-        Some(slot * self.stride)
+    fn row(&self, dy: i8) -> usize {
+        let dy = i32::from(dy).max(-self.above).min(self.below);
+        let slot = self.slot.wrapping_add_signed(dy as isize);
+        // Below the first slot comes the last, and the other way round: the least number is the slot, because
+        // what is below 0 wraps round.
+        let others = [slot.wrapping_add(self.depth), slot.wrapping_sub(self.depth)];
+        slot.min(others[0]).min(others[1]).wrapping_mul(self.stride)
     }
 
-    /// Index in a stored line of the sample `dx` to the right of stored position `first`.
+    /// Index in a stored line of the sample `dx` to the right of stored position `first`. Before the line it
+    /// wraps round, and is then beyond its end.
     #[inline(always)]
-    fn column(&self, dx: i8, first: usize) -> Option<usize> {
+    fn column(&self, dx: i8, first: usize) -> usize {
         let dx = match self.order {
             Order::Columns => isize::from(dx),
             Order::Mirrored => -isize::from(dx),
         };
-        (self.padding + first).checked_add_signed(dx)
+        (self.padding + first).wrapping_add_signed(dx)
     }
 }
 

@@ -97,10 +97,19 @@ impl RowCheck<'_> {
         &self,
         confidences: &[u8],
     ) -> impl Iterator<Item = (usize, usize)> {
-        (0..self.best.len()).step_by(STEP).filter_map(move |x| {
-            let (&confidence, &best) = confidences.get(x).zip(self.best.get(x))?;
-            let position = self.position(x, best).filter(|_| confidence > 0)?;
-            Some((x, position))
+        let first = (self.best.len().wrapping_sub(1)).wrapping_add_signed(self.minimum_px.into());
+        let mut next = 0;
+        core::iter::from_fn(move || {
+            loop {
+                let x = next;
+                let (&confidence, &best) = (confidences.get(x)?, self.best.get(x)?);
+                next += STEP;
+                if confidence > 0 {
+                    // Within the other view, as the disparity holds.
+                    let position = first.wrapping_sub(x).wrapping_add(best.into());
+                    return Some((x, position));
+                }
+            }
         })
     }
 }

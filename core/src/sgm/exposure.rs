@@ -102,6 +102,8 @@ impl Exposure {
     /// Learns from the matches of a line, each a position in the reference view's row and one in
     /// the other view's, in the stored order of each. `levels` and `others` are these rows, of
     /// `CHANNELS` channels. Matches with a level at either end of the range are not used.
+    // Apart, so that all registers are its own.
+    #[inline(never)]
     pub(super) fn learn<const CHANNELS: usize>(
         &mut self,
         matches: impl Iterator<Item = (usize, usize)>,

@@ -131,15 +131,13 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
         // The columns before the first pixel that holds are left to the border.
         let mut own = self.window.rows.row(line).iter();
         let first = own.position(|&found| Found::of(found).holds());
-        let width = self.window.rows.row(line).len();
+        let mut x = first.unwrap_or(usize::MAX);
         let own_start = self.window.rows.start(line);
-        for x in first.unwrap_or(width)..width {
-            let Some(&own) = self.window.rows.values().get(own_start + x) else {
-                break;
-            };
-            if Found::of(own).holds() {
-                continue;
-            }
+        let doubtful = |&found: &i16| !Found::of(found).holds();
+        while let Some(rest) = self.window.rows.row(line).get(x..)
+            && let Some(ahead) = rest.iter().position(doubtful)
+        {
+            x += ahead;
             self.votes.fill(0);
             let above = window.reach_up(centre, x);
             let below = window.reach_down(centre, x);
@@ -178,6 +176,7 @@ impl<'m, K: Kernels> RegionVote<'m, K> {
             {
                 *pixel = elected_q4;
             }
+            x += 1;
         }
     }
 

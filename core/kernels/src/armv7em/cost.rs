@@ -51,7 +51,11 @@ fn cost_registers(run: &CostRun<'_>, costs: &mut [u8]) -> Option<()> {
     let weighing = Weighing::new(run).filter(|_| fits)?;
     // Whether the cost per cell is a whole number and all cells together cost at most 255.
     let are_whole = || {
-        let bits = run.cell_costs_q8.iter().fold(0, |bits, &cost| bits | cost);
+        let (pairs, odd) = run.cell_costs_q8.as_chunks::<2>();
+        let both = pairs
+            .iter()
+            .fold(0, |bits, &[a, b]| bits | u32::from(a) | u32::from(b) << 16);
+        let bits = both as u16 | (both >> 16) as u16 | odd.first().copied().unwrap_or(0);
         bits.is_multiple_of(256)
             && usize::from(bits / 256) * run.inputs.count * CELLS_PER_BYTE <= u8::MAX.into()
     };

@@ -2,7 +2,7 @@
 
 use vgstereo_core::kernel;
 
-use super::simd::{max_i16x2, min_i16x2, pair_of};
+use super::simd::{max_i16x2, min_i16x2, order_i16x2, pair_of};
 
 /// Two columns of three values, each sorted: the two least, the two middle and the two largest
 /// values.
@@ -28,8 +28,9 @@ fn filter(rows: [&[i16]; 3], output: &mut [i16]) -> Option<()> {
         *pairs = rest.get(..outputs.len())?;
     }
     let mut before = sorted::<Simd>(firsts);
-    for (index, output) in outputs.iter_mut().enumerate() {
-        let after = sorted::<Simd>(pairs.map(|pairs| pairs.get(index).map_or(0, pair_of)));
+    let [a, b, c] = pairs.map(<[_]>::iter);
+    for (((a, b), c), output) in a.zip(b).zip(c).zip(outputs) {
+        let after = sorted::<Simd>([a, b, c].map(pair_of));
         let medians = medians::<Simd>(before, after);
         *output = [medians as i16, (medians >> 16) as i16];
         before = after;
@@ -53,6 +54,12 @@ pub(crate) trait Pairs {
     /// The greater halfword of each lane.
     fn greater(a: u32, b: u32) -> u32;
 
+    /// Both.
+    #[inline(always)]
+    fn order(a: u32, b: u32) -> [u32; 2] {
+        [Self::lesser(a, b), Self::greater(a, b)]
+    }
+
     /// The high halfword of the first word, and the low one of the second.
     #[inline(always)]
     fn between(before: u32, after: u32) -> u32 {
@@ -72,6 +79,11 @@ impl Pairs for Simd {
     fn greater(a: u32, b: u32) -> u32 {
         max_i16x2(a, b)
     }
+
+    #[inline(always)]
+    fn order(a: u32, b: u32) -> [u32; 2] {
+        order_i16x2(a, b)
+    }
 }
 
 /// Returns the medians of the two pixels in the middle of four sorted columns.
@@ -88,17 +100,14 @@ pub(crate) fn medians<P: Pairs>(before: Columns, after: Columns) -> u32 {
 /// Sorts two columns of three values.
 #[inline(always)]
 pub(crate) fn sorted<P: Pairs>([a, b, c]: [u32; 3]) -> Columns {
-    let (low, high) = (P::lesser(a, b), P::greater(a, b));
-    let middle = P::lesser(high, c);
-    [
-        P::lesser(low, c),
-        P::greater(low, middle),
-        P::greater(high, c),
-    ]
+    let [low, high] = P::order(a, b);
+    let [middle, high] = P::order(high, c);
+    let [low, middle] = P::order(low, middle);
+    [low, middle, high]
 }
 
 #[inline(always)]
 fn middle_of<P: Pairs>(a: u32, b: u32, c: u32) -> u32 {
-    let (low, high) = (P::lesser(a, b), P::greater(a, b));
+    let [low, high] = P::order(a, b);
     P::greater(low, P::lesser(high, c))
 }

@@ -4,7 +4,7 @@
 //! all of them at once. The kernels are written in terms of `simd`, whose functions are one or two
 //! of these instructions on targets that have them, a few of Xpulp on those that have these, and about
 //! a dozen ordinary ones with the same result elsewhere. So the code that runs on the chip is tested on
-//! the host, but for two inner loops, which are assembly because the compiler does not find the registers for them: plain
+//! the host, but for some inner loops, which are assembly because the compiler does not find the registers for them: plain
 //! code stands in for them elsewhere, and an emulated board holds them to the reference
 //! (`firmware/boards/mps3-an547-suite`).
 

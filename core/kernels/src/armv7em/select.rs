@@ -11,10 +11,7 @@ use vgstereo_core::kernel::{AggregateRow, SubpixelStep};
 
 use super::aggregate::MAX_STRIDE;
 use super::others;
-use super::simd::{
-    add_even_bytes, add_odd_bytes, afresh, even_bytes, in_order, meet_all, min_u16x2, odd_bytes,
-    opaque, splat_u16, store,
-};
+use super::simd::{afresh, in_order, meet_all, min_u16x2, opaque};
 
 /// Bits of the index, which is below the sum in a key. A sum is at most 3 * 255.
 pub(crate) const INDEX_BITS: u32 = 6;
@@ -146,7 +143,7 @@ impl<'a> Others<'a> {
         self.odd = (self.odd + MAX_STRIDE) % (2 * PLANE);
     }
 
-    /// Adds the path costs of the next pixel. Returns its least key, and writes the least key of
+    /// Adds the path costs of the next pixel. Returns its least key in the low half, and writes the least key of
     /// each pair of neighbouring disparities to `minima`.
     #[inline(always)]
     fn meet<const PAIRS: usize>(&mut self, paths: [&[Pair; PAIRS]; 3], minima: &mut Minima) -> u32 {
@@ -156,63 +153,8 @@ impl<'a> Others<'a> {
             (self.odd.wrapping_sub(2)) % (2 * PLANE),
             self.even % (2 * PLANE),
         );
-        let mut best = None;
-        // Not a closure, which the compiler would not inline so often.
-        macro_rules! meet_pairs {
-            ($($index:literal)+) => {
-                $(if let Some(minima) = minima.get_mut($index + 1).filter(|_| $index < PAIRS) {
-                    *minima = self.meet_pair($index, paths.map(|path| &path[$index % PAIRS]));
-                    best = Some(in_order(match best {
-                        None => min_u16x2(minima[0], minima[1]),
-                        Some(best) => min_u16x2(min_u16x2(best, minima[0]), minima[1]),
-                    }));
-                })+
-            };
-        }
-        meet_pairs!(0 1 2 3 4 5 6 7);
-        let best = best.unwrap_or(u32::MAX);
-        min_u16x2(best, best >> 16) & 0xffff
-    }
-
-    /// Adds eight of the pixel's disparities; returns the lesser key of each pair.
-    #[inline(always)]
-    fn meet_pair(&mut self, pair: usize, [left, right, above]: [&Pair; 3]) -> Pair {
-        // One path after the other, because there are too few registers for all.
-        let [low, high] = left.map(in_order);
-        let mut sums = [
-            even_bytes(low),
-            even_bytes(high),
-            odd_bytes(low),
-            odd_bytes(high),
-        ]
-        .map(in_order);
-        for path in [right, above] {
-            let [low, high] = path.map(in_order);
-            sums = [
-                in_order(add_even_bytes(sums[0], low)),
-                in_order(add_even_bytes(sums[1], high)),
-                in_order(add_odd_bytes(sums[2], low)),
-                in_order(add_odd_bytes(sums[3], high)),
-            ];
-        }
-        // Indices of disparities 0 and 2 of the eight.
-        let indices = splat_u16(8 * pair as u16) + (2 << 16);
-        let key =
-            |sums: u32, index: u16| opaque((sums << INDEX_BITS) + (indices + splat_u16(index)));
-        let keys = [
-            key(sums[0], 0),
-            key(sums[1], 4),
-            key(sums[2], 1),
-            key(sums[3], 5),
-        ];
-        let starts = [self.even, self.even + 4, self.odd, self.odd + 4];
-        for (start, keys) in starts.into_iter().zip(keys) {
-            let others = self.keys.get_mut(start + 8 * pair..);
-            if let Some(others) = others.and_then(<[u8]>::first_chunk_mut) {
-                store(in_order(min_u16x2(super::simd::load(others), keys)), others);
-            }
-        }
-        [min_u16x2(keys[0], keys[2]), min_u16x2(keys[1], keys[3])]
+        let best = pairs::meet(paths, self.keys, [self.even, self.odd], minima);
+        min_u16x2(best, best >> 16)
     }
 
     /// Place of the key of the position that the pixel reaches at `disparity`.
@@ -228,22 +170,159 @@ impl<'a> Others<'a> {
     /// Writes the best matches of the positions that the pixel reaches from `disparity` on, as
     /// [`AggregateRow::other_best`].
     fn write(&self, disparity: usize, best: &mut [u32]) {
-        let places = [self.place(disparity), self.place(disparity + 1)];
+        let runs = [disparity, disparity + 1].map(|disparity| {
+            let keys = self.keys.get(self.place(disparity)..);
+            keys.unwrap_or_default().as_chunks().0
+        });
         let (pairs, rest) = best.as_chunks_mut();
-        for ([a, b], step) in pairs.iter_mut().zip((0..).step_by(2)) {
-            [*a, *b] = places.map(|place| self.best(place + step));
+        for (([a, b], &first), &second) in pairs.iter_mut().zip(runs[0]).zip(runs[1]) {
+            [*a, *b] = [first, second].map(best_of);
         }
-        for other in rest {
-            *other = self.best(places[0] + 2 * pairs.len());
+        for (other, &key) in rest.iter_mut().zip(runs[0].iter().skip(pairs.len())) {
+            *other = best_of(key);
         }
     }
+}
 
-    /// Best match whose key is at `place`, as `sum << 16 | index`.
+/// The best match with this key, as `sum << 16 | index`.
+#[inline(always)]
+fn best_of(key: [u8; 2]) -> u32 {
+    let key = u32::from(u16::from_le_bytes(key));
+    opaque(key >> INDEX_BITS) << 16 | key & INDEX_MASK
+}
+
+/// The keys of a pixel as instructions, of eight disparities at a time.
+#[cfg(dsp_extension)]
+#[allow(unsafe_code)]
+mod pairs {
+    use core::arch::asm;
+
+    use super::{INDEX_BITS, Minima, PLANE, Pair, Window};
+    use crate::armv7em::simd::{in_order, min_u16x2};
+
+    /// Meets the keys of a pixel with those of the window, whose runs for even and for odd disparities begin at these
+    /// bytes, and writes the lesser key of each pair of neighbouring disparities. Returns the least of either half.
     #[inline(always)]
-    fn best(&self, place: usize) -> u32 {
-        let key = self.keys.get(place..).and_then(<[u8]>::first_chunk);
-        let key = key.map_or(0, |key| u32::from(u16::from_le_bytes(*key)));
-        opaque(key >> INDEX_BITS) << 16 | key & INDEX_MASK
+    pub(super) fn meet<const PAIRS: usize>(
+        [left, right, above]: [&[Pair; PAIRS]; 3],
+        window: &mut Window,
+        runs: [usize; 2],
+        minima: &mut Minima,
+    ) -> u32 {
+        let window = window.as_mut_ptr();
+        // SAFETY: a run is at most the bytes that the window has beyond its planes.
+        let [even, odd] = runs.map(|run| unsafe { window.add(run % (2 * PLANE)) });
+        // Of disparities 0 and 2.
+        let mut indices = 2_u32 << 16;
+        let mut best = u32::MAX;
+        macro_rules! pairs {
+            ($($index:literal)+) => {
+                $(if $index < PAIRS {
+                    let (low, high);
+                    // SAFETY: the addresses are within the paths and the runs of the window.
+                    unsafe {
+                        asm!(
+                            "ldrd {a}, {b}, [{left}, #8 * {index}]",
+                            "uxtb16 {c}, {a}, ror #8",
+                            "uxtb16 {d}, {b}, ror #8",
+                            "uxtb16 {a}, {a}",
+                            "uxtb16 {b}, {b}",
+                            "ldrd {e}, {f}, [{right}, #8 * {index}]",
+                            "uxtab16 {c}, {c}, {e}, ror #8",
+                            "uxtab16 {d}, {d}, {f}, ror #8",
+                            "uxtab16 {a}, {a}, {e}",
+                            "uxtab16 {b}, {b}, {f}",
+                            "ldrd {e}, {f}, [{above}, #8 * {index}]",
+                            "uxtab16 {c}, {c}, {e}, ror #8",
+                            "uxtab16 {d}, {d}, {f}, ror #8",
+                            "uxtab16 {a}, {a}, {e}",
+                            "uxtab16 {b}, {b}, {f}",
+                            // Of disparities 0, 1, 4 and 5, and those two after them.
+                            "add {a}, {indices}, {a}, lsl #{bits}",
+                            "add {indices}, {indices}, #0x00010001",
+                            "add {c}, {indices}, {c}, lsl #{bits}",
+                            "add {indices}, {indices}, #0x00030003",
+                            "add {b}, {indices}, {b}, lsl #{bits}",
+                            "add {indices}, {indices}, #0x00010001",
+                            "add {d}, {indices}, {d}, lsl #{bits}",
+                            "add {indices}, {indices}, #0x00030003",
+                            "ldr {e}, [{even}, #8 * {index}]",
+                            "uqsub16 {f}, {e}, {a}",
+                            "subs {e}, {e}, {f}",
+                            "str {e}, [{even}, #8 * {index}]",
+                            "ldr {e}, [{even}, #8 * {index} + 4]",
+                            "uqsub16 {f}, {e}, {b}",
+                            "subs {e}, {e}, {f}",
+                            "str {e}, [{even}, #8 * {index} + 4]",
+                            "ldr {e}, [{odd}, #8 * {index}]",
+                            "uqsub16 {f}, {e}, {c}",
+                            "subs {e}, {e}, {f}",
+                            "str {e}, [{odd}, #8 * {index}]",
+                            "ldr {e}, [{odd}, #8 * {index} + 4]",
+                            "uqsub16 {f}, {e}, {d}",
+                            "subs {e}, {e}, {f}",
+                            "str {e}, [{odd}, #8 * {index} + 4]",
+                            "uqsub16 {e}, {a}, {c}",
+                            "subs {a}, {a}, {e}",
+                            "uqsub16 {e}, {b}, {d}",
+                            "subs {b}, {b}, {e}",
+                            a = out(reg) low, b = out(reg) high, c = out(reg) _, d = out(reg) _,
+                            e = out(reg) _, f = out(reg) _, left = in(reg) left, right = in(reg) right,
+                            above = in(reg) above, even = in(reg) even, odd = in(reg) odd,
+                            indices = inout(reg) indices, index = const $index, bits = const INDEX_BITS,
+                            options(nostack),
+                        );
+                    }
+                    if let Some(minima) = minima.get_mut($index + 1) {
+                        *minima = [low, high];
+                    }
+                    let least = if $index == 0 { low } else { min_u16x2(best, low) };
+                    best = in_order(min_u16x2(least, high));
+                })+
+            };
+        }
+        pairs!(0 1 2 3 4 5 6 7);
+        let _ = indices;
+        best
+    }
+}
+
+/// The same in plain code, to which the assembly is held.
+#[cfg(not(dsp_extension))]
+mod pairs {
+    use core::array::from_fn;
+
+    use super::{INDEX_BITS, Minima, Pair, Window};
+    use crate::armv7em::simd::{even_bytes, load, min_u16x2, odd_bytes, splat_u16, store};
+
+    pub(super) fn meet<const PAIRS: usize>(
+        paths: [&[Pair; PAIRS]; 3],
+        window: &mut Window,
+        runs: [usize; 2],
+        minima: &mut Minima,
+    ) -> u32 {
+        let mut best = u32::MAX;
+        for pair in 0..PAIRS {
+            for word in 0..2 {
+                let costs = paths.map(|path| path[pair][word]);
+                let first = 8 * pair + 4 * word;
+                let keys: [u32; 2] = from_fn(|parity| {
+                    let widened = [even_bytes, odd_bytes][parity];
+                    let sums: u32 = costs.map(widened).iter().sum();
+                    (sums << INDEX_BITS) + splat_u16((first + parity) as u16) + (2 << 16)
+                });
+                for (run, keys) in runs.into_iter().zip(keys) {
+                    let others = window.get_mut(run + first..);
+                    if let Some(others) = others.and_then(<[u8]>::first_chunk_mut) {
+                        store(min_u16x2(load(others), keys), others);
+                    }
+                }
+                let least = min_u16x2(keys[0], keys[1]);
+                minima[pair + 1][word] = least;
+                best = min_u16x2(best, least);
+            }
+        }
+        best
     }
 }
 
@@ -254,8 +333,8 @@ struct Selected {
     margin: i16,
 }
 
-/// Returns the best disparity, refined by the sums of its neighbours, and its margin over
-/// the second best.
+/// Returns the best disparity, whose key is in the low half of `key`, refined by the sums of its neighbours, and
+/// its margin over the second best.
 #[inline(always)]
 fn select<const PAIRS: usize>(
     key: u32,
@@ -265,7 +344,7 @@ fn select<const PAIRS: usize>(
     subpixel: &Subpixel,
 ) -> Selected {
     let index = key & INDEX_MASK;
-    let least = key >> INDEX_BITS;
+    let least = sum_of(key);
     let paths: [&[u8]; 3] = paths.map(|path| must_cast_slice(path.as_slice()));
     let sums = |first: u32, count: usize| {
         let first = first as usize;
@@ -276,13 +355,6 @@ fn select<const PAIRS: usize>(
                 .map(|costs| u32::from(costs[index]))
                 .sum::<u32>()
         }
-    };
-    let before = index.wrapping_sub(1);
-    let step_q4 = if before < disparities as u32 - 2 && before < 8 * PAIRS as u32 - 2 {
-        let sum = sums(before, 3);
-        subpixel.step_q4(sum(0) - least, sum(2) - least)
-    } else {
-        0
     };
     // The best disparity and its neighbours are in two pairs; the fourth disparity in these pairs
     // is two before an even best disparity and two after an odd one. It is compared by itself.
@@ -295,22 +367,36 @@ fn select<const PAIRS: usize>(
     }
     let [_, minima @ ..] = minima;
     let second = least_of(minima.get(..PAIRS).unwrap_or_default().as_flattened());
-    let mut second = second >> INDEX_BITS;
+    let mut second = sum_of(second);
     if outer < disparities as u32 && outer < 8 * PAIRS as u32 {
         second = second.min(sums(outer, 1)(0));
     }
+    let margin = in_order(second - least);
+    let before = index.wrapping_sub(1);
+    let step_q4 = if before < disparities as u32 - 2 && before < 8 * PAIRS as u32 - 2 {
+        let sum = sums(before, 3);
+        subpixel.step_q4(sum(0) - least, sum(2) - least)
+    } else {
+        0
+    };
     Selected {
         index: index as u16,
         refined_index_q4: (index as i32 * i32::from(STEPS_PER_PX) + step_q4) as i16,
-        margin: (second - least) as i16,
+        margin: margin as i16,
     }
 }
 
-/// The least of the keys in these words.
+/// The sum in the key in the low half of a word.
+#[inline(always)]
+const fn sum_of(key: u32) -> u32 {
+    (key & 0xffff) >> INDEX_BITS
+}
+
+/// The least of the keys in these words, in the low half.
 #[inline(always)]
 fn least_of(words: &[u32]) -> u32 {
     let least = meet_all(words, min_u16x2);
-    min_u16x2(least, least >> 16) & 0xffff
+    min_u16x2(least, least >> 16)
 }
 
 /// Bits by which the operands of the division, of 15 bits, are moved up where that saves time: the divider of CV32E40P takes
@@ -335,7 +421,12 @@ impl Subpixel {
     /// hardware takes less time for one division than for the steps that replace it there.
     #[inline(always)]
     pub(crate) fn step_q4(&self, before: u32, after: u32) -> i32 {
-        let (larger, smaller) = (before.max(after), before.min(after));
+        let (larger, smaller) = if cfg!(dsp_extension) {
+            let excess = before.saturating_sub(after);
+            (after + excess, before - excess)
+        } else {
+            (before.max(after), before.min(after))
+        };
         let relief = self.relief.min((5 * larger) >> 4);
         let relieved = (larger - relief, smaller.saturating_sub(relief));
         let is_weak = larger < self.lines_min;

@@ -1,8 +1,10 @@
 //! Operations on the four bytes or two halfwords of a register.
 //!
-//! Lane 0 is the lowest, which is the first in memory. Of this set, only this module and the steps in [`path`](super::path)
-//! and [`mask`](super::mask) have `unsafe` code. Here each use is an instruction that reads and writes only registers
-//! and flags, or loads words of a reference, or it is empty assembly that holds back the optimiser.
+//! Lane 0 is the lowest, which is the first in memory. Of this set, only this module and loops of assembly in
+//! [`path`](super::path), [`mask`](super::mask), [`select`](super::select), [`pack`](super::pack) and
+//! [`smooth`](super::smooth) have `unsafe` code.
+//! Here each use is an instruction that reads and writes only registers and flags, or loads words of a reference, or it
+//! is empty assembly that holds back the optimiser, or a list that is written without a test of its end for each item.
 
 /// Defines a function that is one instruction of two operands, or plain code on other targets.
 macro_rules! instruction {
@@ -168,26 +170,11 @@ pub(super) fn saturate_to_u8x2(a: u32) -> u32 {
 }
 
 /// Subtracts bytes modulo 256.
+#[cfg(not(dsp_extension))]
 #[inline(always)]
 #[must_use]
 pub(super) fn sub_wrapping_u8x4(a: u32, b: u32) -> u32 {
-    #[cfg(dsp_extension)]
-    {
-        let result;
-        // SAFETY: the instruction works on registers and flags alone.
-        unsafe {
-            core::arch::asm!(
-                "usub8 {}, {}, {}",
-                lateout(reg) result, in(reg) a, in(reg) b,
-                options(pure, nomem, nostack),
-            );
-        }
-        result
-    }
-    #[cfg(not(dsp_extension))]
-    {
-        lanes::difference::<BYTES>(a, b)
-    }
+    lanes::difference::<BYTES>(a, b)
 }
 
 /// Defines a function that compares all lanes, and selects by the flags that the comparison sets.
@@ -486,6 +473,54 @@ pub(super) fn max_i16x2(a: u32, b: u32) -> u32 {
     {
         select_ge_i16x2(a, b, a, b)
     }
+}
+
+/// The smaller signed halfword of each lane, and the larger one.
+#[inline(always)]
+#[must_use]
+pub(super) fn order_i16x2(a: u32, b: u32) -> [u32; 2] {
+    #[cfg(dsp_extension)]
+    {
+        let (smaller, larger);
+        // SAFETY: the instructions work on registers and flags alone.
+        unsafe {
+            core::arch::asm!(
+                "ssub16 {smaller}, {a}, {b}",
+                "sel {smaller}, {b}, {a}",
+                "sel {larger}, {a}, {b}",
+                smaller = out(reg) smaller, larger = lateout(reg) larger,
+                a = in(reg) a, b = in(reg) b,
+                options(pure, nomem, nostack),
+            );
+        }
+        [smaller, larger]
+    }
+    #[cfg(not(dsp_extension))]
+    {
+        [min_i16x2(a, b), max_i16x2(a, b)]
+    }
+}
+
+/// Writes what `item` makes of the numbers below `count`, if anything, one after the other, and returns how many there
+/// are. `None` if `list` is shorter than `count`: there is room for all, and no test for each.
+#[inline(always)]
+pub(super) fn list_some<T: Copy>(
+    list: &mut [T],
+    count: usize,
+    mut item: impl FnMut(usize) -> Option<T>,
+) -> Option<usize> {
+    let first: *mut T = list.get_mut(..count)?.as_mut_ptr();
+    let mut next = first;
+    for index in 0..count {
+        if let Some(item) = item(index) {
+            // SAFETY: of `count` items there are no more than places from `first` on.
+            unsafe {
+                next.write(item);
+                next = next.add(1);
+            }
+        }
+    }
+    Some((next.addr() - first.addr()) / size_of::<T>().max(1))
 }
 
 /// Widens bytes 0 and 2 to halfwords.

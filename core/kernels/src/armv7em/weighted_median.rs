@@ -15,9 +15,9 @@ use super::others;
 
 use super::simd::{
     add_even_bytes, add_odd_bytes, add_saturating_i16x2, add_saturating_u8x4, afresh,
-    distance_u8x4, even_bytes, halve_sum_u8x4, halve_sum_u16x2, in_order, load, load_six, max_u8x4,
-    min_i16x2, min_u8x4, odd_bytes, pair_of, select_ge_i16x2, select_ge_u8x4, select_ge_u16x2,
-    splat_u8, splat_u16, sub_saturating_i16x2, sub_saturating_u8x4, sub_to_u8x2,
+    distance_u8x4, even_bytes, halve_sum_u8x4, halve_sum_u16x2, in_order, list_some, load,
+    load_six, max_u8x4, min_i16x2, min_u8x4, odd_bytes, pair_of, select_ge_i16x2, select_ge_u8x4,
+    select_ge_u16x2, splat_u8, splat_u16, sub_saturating_i16x2, sub_saturating_u8x4, sub_to_u8x2,
 };
 
 /// Pixels filtered at once.
@@ -245,18 +245,12 @@ fn list_row<const CHANNELS: usize, const CLEAR: bool>(
     }
     let (&first, values) = taps.values.split_first()?;
     let mut value_pair = pair_of(&first);
-    let mut slots = list.get_mut(..count)?.iter_mut();
     let values = values.get(..count)?;
-    let taps = levels[0].iter().zip(places).zip(values).enumerate();
-    for (tap, ((&level_pair, &place), next)) in taps {
+    list_some(list, count, |tap| {
+        let (&place, next) = (places.get(tap)?, values.get(tap)?);
         let mut difference = 0;
         for channel in 0..CHANNELS {
-            let pair = if channel == 0 {
-                level_pair
-            } else {
-                *levels[channel].get(tap)?
-            };
-            let pair = u32::from(u16::from_le_bytes(pair));
+            let pair = u32::from(u16::from_le_bytes(*levels[channel].get(tap)?));
             let four = before[channel] | pair << 16;
             before[channel] = pair;
             let distance = distance_u8x4(centres[channel], four);
@@ -270,7 +264,7 @@ fn list_row<const CHANNELS: usize, const CLEAR: bool>(
         value_pair = values[1];
         let likeness = sub_saturating_u8x4(reach, difference);
         if likeness == 0 {
-            continue;
+            return None;
         }
         let by_likeness = &table[usize::from(place) % PLACES];
         let weight = |lane: u32| {
@@ -286,9 +280,8 @@ fn list_row<const CHANNELS: usize, const CLEAR: bool>(
             weights &= known(values[0], splat_u16(0xff)) | known(values[1], splat_u16(0xff00));
         }
         let [a, b] = from_fn(|word| sub_to_u8x2(values[word], origins[word]));
-        *slots.next()? = [a | b << 8, weights];
-    }
-    Some(count - slots.len())
+        Some([a | b << 8, weights])
+    })
 }
 
 /// Sums the weights of each of the four pixels.

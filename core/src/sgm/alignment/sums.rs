@@ -49,6 +49,8 @@ pub(super) struct Sums {
 impl Sums {
     /// The sums of the matches of a row, given in the order of the line, whose pixels were moved by `offsets` or
     /// by `reach_q24` if that is less: where it is less they teach nothing. `conversion` is that of grey levels.
+    // Apart, so that all registers are its own.
+    #[inline(never)]
     pub(super) fn of(
         matches: impl Iterator<Item = Match>,
         rows: GreyRows<'_>,
