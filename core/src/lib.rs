@@ -34,7 +34,8 @@
 //!  nearest pattern of          masks: cells on the pixel's surface
 //!  every neuron, and the           v
 //!  runners-up                  matching costs: masked Hamming distance,
-//!    |                         difference of levels in one exposure
+//!    |                         difference of levels in one exposure;
+//!    |                         less of them where the texture repeats
 //!    |                             v
 //!    |                         aggregation: paths from left, right and above
 //!    |                             v

@@ -176,6 +176,8 @@ pub fn grey_png(
     } else {
         png::BitDepth::Eight
     });
+    // With little compression: more would take longer than matching does.
+    encoder.set_compression(png::Compression::Fast);
     encoder.add_text_chunk(name.to_owned(), meaning)?;
     let mut writer = encoder.write_header()?;
     writer.write_image_data(levels)?;

@@ -60,17 +60,19 @@ fn aggregation() -> impl Strategy<Value = SgmParameters> {
         0_u8..=20,
         0_u8..=24,
         0_u8..=16,
-        0_u8..=4,
+        (0_u8..=4, 0_u8..=7, 0_u8..=75),
     );
     let rivals = rivals.prop_map(
-        |(reach_px, ratio_q4, slack, rise, run_min_px, spread_px, row_step)| RivalParameters {
+        |(reach_px, ratio_q4, slack, rise, run_min_px, spread_px, others)| RivalParameters {
             reach_px,
             ratio_q4,
             slack,
             rise,
             run_min_px,
             spread_px,
-            row_step,
+            row_step: others.0,
+            cost_shift: others.1,
+            p2_min: others.2,
         },
     );
     let rivals = proptest::option::of(rivals);
@@ -801,6 +803,8 @@ fn the_dearest_patterns_cost_the_most() {
                 difference_truncation: 0,
                 left_right_tolerance_px: u8::MAX,
                 margin: 1,
+                // Its penalty leaves no room for such costs.
+                rivals: None,
                 vote: None,
                 weighted_median: None,
                 ..micro()

@@ -10,9 +10,9 @@ use vgstereo_core::kernel::{
 };
 use vgstereo_kernels::NativeKernels;
 use vgstereo_kernels::cases::{
-    AggregateCase, ArmsCase, Case, ChannelCase, CheckCase, ConvertCase, CostCase, LumaCase,
-    MaskCase, Median9Case, OwnPlanes, PackCase, PathsCase, PenaltyCase, RecallCase, RivalsCase,
-    SelectCase, SmoothCase, WeightedMedianCase, fill_costs, generator, levels_below,
+    AggregateCase, ArmsCase, AttenuateCase, Case, ChannelCase, CheckCase, ConvertCase, CostCase,
+    LumaCase, MaskCase, Median9Case, OwnPlanes, PackCase, PathsCase, PenaltyCase, RecallCase,
+    RivalsCase, SelectCase, SmoothCase, WeightedMedianCase, fill_costs, generator, levels_below,
 };
 
 const WIDTH: usize = 450;
@@ -70,6 +70,9 @@ fn levels(criterion: &mut Criterion) {
     measure(criterion, "check_row", "450", WIDTH, &mut case);
     let mut case = RivalsCase::random(random, WIDTH, DISPARITIES);
     measure(criterion, "rivals_row", "450", WIDTH, &mut case);
+    let mut case = AttenuateCase::random(random, WIDTH, DISPARITIES);
+    (case.shift, case.doubts) = (2, vec![1; case.doubts.len()]);
+    measure(criterion, "attenuate_row", "450", WIDTH, &mut case);
 }
 
 /// Elements are cells.

@@ -14,8 +14,8 @@ use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_core::disparity::INVALID;
 use vgstereo_core::kernel::{
-    AggregateRow, ArmsRow, CELLS_PER_BYTE, CheckRow, CostRun, Interpolation, Kernels, LANES,
-    LevelConversion, MASK_LANES, MAX_CHANNELS, MAX_TAP_ROWS, MaskBlock, NO_COST, Penalty,
+    AggregateRow, ArmsRow, AttenuateRow, CELLS_PER_BYTE, CheckRow, CostRun, Interpolation, Kernels,
+    LANES, LevelConversion, MASK_LANES, MAX_CHANNELS, MAX_TAP_ROWS, MaskBlock, NO_COST, Penalty,
     PixelFormat, Planes, RIVAL_BLOCK_PX, ResampleRow, RivalsRow, RowRecall, SubpixelStep, TieBreak,
     WeightedMedianRow, arms_scratch_bytes, cost_stride, path_scratch_bytes,
 };
@@ -488,6 +488,50 @@ impl Case for RivalsCase {
     }
 }
 
+/// Task for [`Kernels::attenuate_row`].
+#[derive(Debug, Clone)]
+pub struct AttenuateCase {
+    pub costs: Vec<u8>,
+    pub disparities: usize,
+    pub doubts: Vec<u8>,
+    pub shift: u8,
+}
+
+impl AttenuateCase {
+    /// A row of `width` pixels of `disparities`, of which some blocks are in doubt, none or all.
+    pub fn random(random: &mut Pcg32, width: usize, disparities: usize) -> Self {
+        let stride = cost_stride(disparities);
+        let mut costs = vec![0; width * stride];
+        fill_costs(random, &mut costs, stride, disparities, 255);
+        let marks = [[0, 0], [0, 1], [2, 1]][below(random, 3)];
+        let blocks = width.div_ceil(RIVAL_BLOCK_PX);
+        Self {
+            costs,
+            disparities,
+            doubts: (0..blocks).map(|_| marks[below(random, 2)]).collect(),
+            shift: below(random, 8) as u8,
+        }
+    }
+}
+
+impl Case for AttenuateCase {
+    type Output = Vec<u8>;
+
+    fn run(&mut self, kernels: impl Kernels) {
+        kernels.attenuate_row(&mut AttenuateRow {
+            costs: &mut self.costs,
+            stride: cost_stride(self.disparities),
+            disparities: self.disparities,
+            doubts: &self.doubts,
+            shift: self.shift,
+        });
+    }
+
+    fn output(&self) -> Vec<u8> {
+        self.costs.clone()
+    }
+}
+
 /// Task for [`Kernels::smooth_row`].
 #[derive(Debug, Clone)]
 pub struct SmoothCase {
@@ -928,12 +972,13 @@ impl AggregateCase {
     }
 }
 
-/// Task for rows as the matcher has them: of each its costs, run by run, then [`Kernels::rivals_row`] and
-/// [`Kernels::aggregate_row`] on them. A set may keep costs and paths elsewhere than in memory.
+/// Task for rows as the matcher has them: of each its costs, run by run, then [`Kernels::rivals_row`],
+/// [`Kernels::attenuate_row`] in most of them, and [`Kernels::aggregate_row`]. A set may keep costs and paths elsewhere than in memory.
 #[derive(Debug, Clone)]
 pub struct RowsCase {
     costs: Vec<CostCase>,
     rivals: Vec<RivalsCase>,
+    attenuate: Vec<Option<AttenuateCase>>,
     aggregate: Vec<AggregateCase>,
 }
 
@@ -951,6 +996,7 @@ impl RowsCase {
         let mut case = Self {
             costs: vec![],
             rivals: vec![],
+            attenuate: vec![],
             aggregate: vec![],
         };
         for _ in 0..rows {
@@ -963,6 +1009,9 @@ impl RowsCase {
             case.costs.push(costs);
             case.rivals
                 .push(RivalsCase::random(random, width, disparities));
+            let attenuated = AttenuateCase::random(random, width, disparities);
+            let is_attenuated = below(random, 4) > 0;
+            case.attenuate.push(is_attenuated.then_some(attenuated));
             case.aggregate.push(aggregate.clone());
             aggregate.next_row(random, cost_max);
         }
@@ -978,7 +1027,8 @@ impl Case for RowsCase {
         const RUN: usize = 128;
         let mut from_above = vec![];
         let rows = self.costs.iter().zip(&mut self.rivals);
-        for ((inputs, rivals), aggregate) in rows.zip(&mut self.aggregate) {
+        let rows = rows.zip(&self.attenuate).zip(&mut self.aggregate);
+        for (((inputs, rivals), attenuate), aggregate) in rows {
             if !aggregate.is_first {
                 aggregate.from_above = from_above;
             }
@@ -995,6 +1045,15 @@ impl Case for RowsCase {
             let mut found = rivals.rivals.clone();
             kernels.rivals_row(&row, &mut rivals.sums.clone(), &mut found);
             rivals.rivals = found;
+            if let Some(attenuate) = attenuate {
+                kernels.attenuate_row(&mut AttenuateRow {
+                    costs: &mut aggregate.costs,
+                    stride,
+                    disparities: rivals.disparities,
+                    doubts: &attenuate.doubts,
+                    shift: attenuate.shift,
+                });
+            }
             aggregate.run(kernels);
             from_above = aggregate.from_above.clone();
         }

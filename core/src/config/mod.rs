@@ -137,7 +137,8 @@ impl fmt::Display for ConfigError {
             Self::Candidates => f.write_str("the number of candidates must be 1 to 16"),
             Self::Median => f.write_str("the median may reach at most 63 px"),
             Self::Costs => f.write_str(
-                "the largest cost and penalty must be below 255 together, the scale at most 250, P1 at most P2",
+                "the largest cost and the largest of P2 (of rivals, too: p2_min) must be below 255 together, the scale at most \
+                 250, P1 at most P2, and the shift of costs below 8",
             ),
             Self::Windows => f.write_str(
                 "the speckle window may reach 15 lines, the vote 127 px and 15 lines, the weighted median even 30 px and 6 lines, and some cells must be kept",

@@ -179,6 +179,12 @@ pub struct RivalParameters {
     /// Every so many rows are searched for rivals; those between have the doubts of the row above. 0 is
     /// taken for 1.
     pub row_step: u8,
+    /// The matching costs of pixels in doubt are divided by 2 to the power of this before they are aggregated, below 8:
+    /// along what repeats, costs tell how disparities go on, and hardly which of them is right.
+    pub cost_shift: u8,
+    /// P2 of a pixel in doubt is this, or [`SgmParameters::p2`] if that is larger, whatever the steps of the image: the
+    /// edges of what repeats are no outlines. With 0, P2 is that of other pixels.
+    pub p2_min: u8,
 }
 
 /// Parameters of the speckle removal.
@@ -401,13 +407,20 @@ impl SgmParameters {
     }
 
     /// Whether every path cost fits 8 bits: the largest matching cost and the largest penalty
-    /// together are below 255, the scale is at most 250, and P2 is never below P1 or its floor.
+    /// together are below 255, the scale is at most 250, and P2 is never below P1 or its floor. Costs in doubt are
+    /// shifted by less than 8.
     #[must_use]
     pub const fn costs_fit_u8(&self) -> bool {
         let difference =
             (self.difference_truncation as u32 * self.difference_weight_q4 as u32) >> 4;
         let cost = self.hamming_truncation as u32 + difference;
-        cost + (self.p2 as u32) < 255
+        let (p2_min, shift) = match &self.rivals {
+            Some(rivals) => (rivals.p2_min, rivals.cost_shift),
+            None => (0, 0),
+        };
+        let p2 = if p2_min > self.p2 { p2_min } else { self.p2 };
+        cost + (p2 as u32) < 255
+            && shift < 8
             && self.hamming_scale <= 250
             && self.p1 <= self.p2
             && self.p2_floor <= self.p2

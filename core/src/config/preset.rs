@@ -165,6 +165,8 @@ const SGM: SgmParameters = SgmParameters {
         run_min_px: 12,
         spread_px: 28,
         row_step: 3,
+        cost_shift: 2,
+        p2_min: 160,
     }),
     speckle: None,
     vote: None,

@@ -13,6 +13,7 @@
 
 mod aggregate;
 mod arms;
+mod attenuate;
 mod check;
 pub mod compact;
 mod convert;
@@ -37,6 +38,7 @@ mod weighted_median;
 
 pub use aggregate::{AggregateRow, aggregate_paths, path_scratch_bytes};
 pub use arms::{ArmsRow, arms_row, arms_scratch_bytes};
+pub use attenuate::{AttenuateRow, attenuate_row};
 pub use check::{CheckRow, check_row};
 pub use convert::{LevelConversion, convert_row};
 pub use cost::{CostRun, NO_COST, cost_run, cost_stride};
@@ -63,8 +65,8 @@ pub use weighted_median::{MAX_TAP_ROWS, WeightedMedianRow, weighted_median_row};
 /// A kernel set: the inner loops of the pipeline, for one instruction set.
 ///
 /// Every method equals the plain reference with its name in this module, bit for bit. Only where the costs and the path
-/// costs of a row are kept is up to a set: what its [`Kernels::cost_run`] has computed, its [`Kernels::rivals_row`] and
-/// [`Kernels::aggregate_row`] take, and nothing else reads. No method has
+/// costs of a row are kept is up to a set: what its [`Kernels::cost_run`] has computed, its [`Kernels::rivals_row`],
+/// [`Kernels::attenuate_row`] and [`Kernels::aggregate_row`] take, and nothing else reads. No method has
 /// a default: a set that lacks a kernel of its own forwards it to a named set, with
 /// [`forward_kernels!`](crate::forward_kernels).
 pub trait Kernels: Copy {
@@ -127,6 +129,9 @@ pub trait Kernels: Copy {
     /// Looks for rivals in a row of costs; see [`rivals_row`].
     fn rivals_row(&self, row: &RivalsRow<'_>, sums: &mut [u32], rivals: &mut [u8]);
 
+    /// Attenuates a row of costs, after rivals were looked for in it; see [`attenuate_row`].
+    fn attenuate_row(&self, row: &mut AttenuateRow<'_>);
+
     /// Checks a row of selected disparities; see [`check_row`].
     fn check_row(&self, row: &CheckRow<'_>, found: &mut [i16], confidences: &mut [u8]);
 
@@ -158,7 +163,7 @@ macro_rules! kernel_methods {
     ($write:tt $how:tt) => {
         $crate::kernel_methods!($write $how: luma_row, channel_row, resample_row, convert_row,
             smooth_row, pack_cells, recall_row, mask_block, cost_run, penalty_row, aggregate_paths,
-            select_row, aggregate_row, rivals_row, check_row, arms_row, median9_row,
+            select_row, aggregate_row, rivals_row, attenuate_row, check_row, arms_row, median9_row,
             weighted_median_row);
     };
     (@ luma_row $($to:tt)+) => {
@@ -218,6 +223,10 @@ macro_rules! kernel_methods {
         $crate::kernel_methods!(@@ rivals_row $($to)+,
             row: &$crate::kernel::RivalsRow<'_>, sums: &mut [u32], rivals: &mut [u8]);
     };
+    (@ attenuate_row $($to:tt)+) => {
+        $crate::kernel_methods!(@@ attenuate_row $($to)+,
+            row: &mut $crate::kernel::AttenuateRow<'_>);
+    };
     (@ check_row $($to:tt)+) => {
         $crate::kernel_methods!(@@ check_row $($to)+,
             row: &$crate::kernel::CheckRow<'_>, found: &mut [i16], confidences: &mut [u8]);
@@ -258,7 +267,7 @@ impl Kernels for Portable {
 
     kernel_methods!([call_reference] {}: luma_row, channel_row, resample_row, convert_row,
         smooth_row, pack_cells, recall_row, mask_block, cost_run, penalty_row, aggregate_paths,
-        select_row, rivals_row, check_row, arms_row, median9_row, weighted_median_row);
+        select_row, rivals_row, attenuate_row, check_row, arms_row, median9_row, weighted_median_row);
 
     #[inline]
     fn aggregate_row(&self, row: &mut AggregateRow<'_>) {
@@ -286,7 +295,7 @@ impl Kernels for Portable {
 ///
 ///     vgstereo_core::forward_kernels!(set => &Portable; luma_row, channel_row, resample_row,
 ///         convert_row, smooth_row, pack_cells, recall_row, mask_block, penalty_row,
-///         aggregate_paths, select_row, aggregate_row, rivals_row, check_row, arms_row,
+///         aggregate_paths, select_row, aggregate_row, rivals_row, attenuate_row, check_row, arms_row,
 ///         weighted_median_row);
 ///     vgstereo_core::forward_kernels!(set => &Portable, within |body| {
 ///         set.0.set(set.0.get() + 1);

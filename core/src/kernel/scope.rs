@@ -157,6 +157,6 @@ impl<K: Kernels, S: Scoped> Kernels for Only<K, S> {
     };
 
     forward_kernels!(set => &set.kernels; luma_row, channel_row, resample_row, convert_row, smooth_row, pack_cells,
-        recall_row, mask_block, cost_run, penalty_row, aggregate_paths, select_row, aggregate_row, rivals_row,
+        recall_row, mask_block, cost_run, penalty_row, aggregate_paths, select_row, aggregate_row, rivals_row, attenuate_row,
         check_row, arms_row, median9_row, weighted_median_row);
 }

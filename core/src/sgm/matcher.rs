@@ -351,7 +351,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         self.check(line);
         // Last, so that exposure and alignment are learned from these pixels as well.
         if let Some(rivals) = &self.rivals {
-            rivals.doubt(self.confidences);
+            rivals.fill(self.confidences, 0);
         }
     }
 
@@ -389,6 +389,7 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
                 parameters,
                 kernels,
             );
+            rivals.attenuate(self.costs, stride, disparities, parameters, kernels);
         }
         self.aggregate(line, is_first);
     }
@@ -532,6 +533,13 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         }
         self.kernels
             .penalty_row(&penalty, grey, above, self.p2_down);
+        if let (Some(rivals), Some(parameters)) = (&self.rivals, &parameters.rivals) {
+            if parameters.p2_min > 0 {
+                let p2 = parameters.p2_min.max(penalty.most);
+                rivals.fill(self.p2_along, p2);
+                rivals.fill(self.p2_down, p2);
+            }
+        }
         self.kernels.aggregate_row(&mut AggregateRow {
             costs: self.costs,
             from_right: self

@@ -6,10 +6,10 @@
 //!           -> masks: which cells lie on the pixel's surface
 //!           -> matching costs: masked Hamming distance, truncated by evidence (evidence), and
 //!              difference of levels in the reference camera's exposure (exposure)
+//!           -> doubt where a second disparity fits, too: costs count less there, and P2 more (rivals)
 //!           -> penalties P1, P2; path costs from left, right and above (kernel)
 //!           -> winner-take-all, sub-pixel step, margin (kernel)
-//!           -> left-right check, uniqueness, texture (check); doubt where a second disparity fits, too
-//!              (rivals, from the matching costs)
+//!           -> left-right check, uniqueness, texture (check); what is in doubt has no confidence
 //!              what holds teaches exposure, and alignment of the lines to come
 //!
 //!           -> speckle removal -> region vote -> border, fill                     SgmRefiner

@@ -1,5 +1,6 @@
 //! Rivals: where what is seen repeats along the line, a second disparity fits about as well as the best,
-//! and paths decide between them by what lies around. Such pixels are in doubt.
+//! and paths decide between them by what lies around. Such pixels are in doubt: their costs count less in the
+//! aggregation, and steps from them cost more, so that paths bring in what is known around them.
 //!
 //! The matching costs of a row are summed over a window along the line, as they are before aggregation.
 //! Where a sum is nearly as small as the least one, and much larger ones lie between, the least has a rival. A
@@ -7,7 +8,7 @@
 //! windows reach beyond what repeats.
 
 use crate::config::RivalParameters;
-use crate::kernel::{Kernels, RIVAL_BLOCK_PX as BLOCK_PX, RivalsRow};
+use crate::kernel::{AttenuateRow, Kernels, RIVAL_BLOCK_PX as BLOCK_PX, RivalsRow};
 use crate::rows::{Arena, OutOfMemory, words};
 
 /// Finds rivals row by row.
@@ -72,11 +73,33 @@ impl<'m> Rivals<'m> {
         self.spread(parameters.spread_px);
     }
 
-    /// Takes the confidence from pixels in doubt.
-    pub(super) fn doubt(&self, confidences: &mut [u8]) {
-        for (block, &doubt) in confidences.chunks_mut(BLOCK_PX).zip(&*self.doubts) {
+    /// Attenuates the costs of pixels in doubt, of the row observed last.
+    pub(super) fn attenuate(
+        &self,
+        costs: &mut [u8],
+        stride: usize,
+        disparities: usize,
+        parameters: &RivalParameters,
+        kernels: &impl Kernels,
+    ) {
+        if parameters.cost_shift > 0 {
+            kernels.attenuate_row(&mut AttenuateRow {
+                costs,
+                stride,
+                disparities,
+                doubts: self.doubts,
+                shift: parameters.cost_shift,
+            });
+        }
+    }
+
+    /// Writes `value` for each pixel in doubt.
+    // Apart, so that all rows have one.
+    #[inline(never)]
+    pub(super) fn fill(&self, row: &mut [u8], value: u8) {
+        for (block, &doubt) in row.chunks_mut(BLOCK_PX).zip(&*self.doubts) {
             if doubt > 0 {
-                block.fill(0);
+                block.fill(value);
             }
         }
     }

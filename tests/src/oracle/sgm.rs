@@ -910,10 +910,25 @@ fn find(
         {
             doubts = rival_doubts(&costs, rivals);
         }
+        if let Some(rivals) = &a.rivals {
+            for (costs, _) in costs.iter_mut().zip(&doubts).filter(|(_, doubt)| **doubt) {
+                costs
+                    .iter_mut()
+                    .for_each(|cost| *cost /= 1 << rivals.cost_shift);
+            }
+        }
         let penalty = |x: i32, from: (i32, i32)| {
             let step = (reference.grey(x, y) - reference.grey(from.0, from.1)).abs();
             let step = (step - 3 * noise / 2).max(0);
-            (i32::from(a.p2) - ((i32::from(a.p2_adaptation_q4) * step) >> 4)).max(a.p2_floor.into())
+            let p2 = i32::from(a.p2) - ((i32::from(a.p2_adaptation_q4) * step) >> 4);
+            let p2 = p2.max(a.p2_floor.into());
+            // Along the line, the penalty is that of the pixel on the right.
+            match &a.rivals {
+                Some(rivals) if rivals.p2_min > 0 && doubts[x.max(from.0) as usize] => {
+                    rivals.p2_min.max(a.p2).into()
+                }
+                _ => p2,
+            }
         };
         let p1 = i32::from(a.p1);
         let mut left: Vec<Vec<i32>> = Vec::new();

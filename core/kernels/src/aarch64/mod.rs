@@ -26,7 +26,7 @@ impl Kernels for Neon {
     // Compilers vectorise the references for Neon as they are.
     forward_kernels!(set => &Portable; luma_row, channel_row, resample_row, convert_row,
         smooth_row, recall_row, mask_block, cost_run, penalty_row, aggregate_paths, select_row,
-        aggregate_row, rivals_row, check_row, arms_row, median9_row, weighted_median_row);
+        aggregate_row, rivals_row, attenuate_row, check_row, arms_row, median9_row, weighted_median_row);
 
     #[inline]
     fn pack_cells(&self, samples: &[&[u8]; CELLS_PER_BYTE + 1], packed: &mut [u8]) {

@@ -53,7 +53,7 @@ impl Kernels for Armv7em {
 
     // The reference suffices: each pixel is unpacked only once, and recall is little more than a
     // loop around the Hamming distances.
-    forward_kernels!(set => &Portable; luma_row, channel_row, recall_row);
+    forward_kernels!(set => &Portable; luma_row, channel_row, recall_row, attenuate_row);
 
     #[inline]
     fn resample_row(&self, row: &ResampleRow<'_>, output: &mut [u8]) {

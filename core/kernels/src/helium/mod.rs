@@ -51,7 +51,7 @@ impl Kernels for Helium {
     // Of these references, the compiler makes vector code.
     forward_kernels!(set => &Portable; luma_row, channel_row, convert_row, smooth_row, pack_cells,
         recall_row, penalty_row, check_row, median9_row);
-    forward_kernels!(set => &Armv7em; resample_row, rivals_row);
+    forward_kernels!(set => &Armv7em; resample_row, rivals_row, attenuate_row);
 
     #[inline]
     fn mask_block(&self, block: &mut MaskBlock<'_>) {

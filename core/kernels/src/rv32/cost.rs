@@ -140,7 +140,7 @@ mod tests {
 
         forward_kernels!(set => &Portable; luma_row, channel_row, resample_row, convert_row, smooth_row,
             pack_cells, recall_row, mask_block, penalty_row, aggregate_paths, select_row, aggregate_row,
-            rivals_row, check_row, arms_row, median9_row, weighted_median_row);
+            rivals_row, attenuate_row, check_row, arms_row, median9_row, weighted_median_row);
 
         fn cost_run(&self, run: &CostRun<'_>, costs: &mut [u8]) {
             if write_costs::<COUNTS_ONES>(run, costs).is_none() {

@@ -46,7 +46,7 @@ impl Kernels for Rv32 {
     // dozen ordinary ones.
     forward_kernels!(set => &Armv7em; smooth_row, mask_block, arms_row, weighted_median_row);
     // The kernels of `Armv7em` were measured to be slower here, together and stage by stage.
-    forward_kernels!(set => &Portable; convert_row, pack_cells, penalty_row, rivals_row, median9_row);
+    forward_kernels!(set => &Portable; convert_row, pack_cells, penalty_row, rivals_row, attenuate_row, median9_row);
     // `Armv7em` has no kernels of its own for these.
     forward_kernels!(set => &Portable; luma_row, channel_row, recall_row);
     // `Armv7em` looks lines up and checks positions once per cell of knots, the reference for each

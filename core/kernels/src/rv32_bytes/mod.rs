@@ -50,7 +50,7 @@ impl Kernels for Rv32Bytes {
     const FUSES_SELECTION: bool = false;
 
     forward_kernels!(set => &Rv32; luma_row, channel_row, resample_row, convert_row, recall_row, mask_block, penalty_row,
-        rivals_row, check_row, arms_row, weighted_median_row);
+        rivals_row, attenuate_row, check_row, arms_row, weighted_median_row);
 
     #[inline]
     fn smooth_row(&self, rows: [&[u8]; 3], step_max: u8, smoothed: &mut [u8]) {

@@ -33,7 +33,7 @@ impl Rv32Xpulp {
 impl Kernels for Rv32Xpulp {
     const FUSES_SELECTION: bool = false;
 
-    forward_kernels!(set => &Armv7em; resample_row, convert_row, smooth_row, mask_block, penalty_row, rivals_row, arms_row,
+    forward_kernels!(set => &Armv7em; resample_row, convert_row, smooth_row, mask_block, penalty_row, rivals_row, attenuate_row, arms_row,
         median9_row, weighted_median_row);
     forward_kernels!(set => &Rv32; luma_row, channel_row, recall_row, check_row);
 

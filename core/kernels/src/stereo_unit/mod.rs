@@ -8,8 +8,8 @@ mod window;
 
 use vgstereo_core::forward_kernels;
 use vgstereo_core::kernel::{
-    AggregateRow, CELLS_PER_BYTE, CostRun, Kernels, LevelConversion, Penalty, Planes, Portable,
-    RivalsRow,
+    AggregateRow, AttenuateRow, CELLS_PER_BYTE, CostRun, Kernels, LevelConversion, Penalty, Planes,
+    Portable, RivalsRow,
 };
 
 pub use port::Port;
@@ -30,6 +30,8 @@ const SIZE: usize = 0x28;
 const PENALTY: usize = 0x2c;
 const GAIN: usize = 0x30;
 const OFFSET: usize = 0x34;
+const DOUBTS: [usize; 2] = [0x38, 0x3c];
+const SHIFT: usize = 0x40;
 // Commands.
 const MAKE_COSTS: u32 = 1;
 const FIND_RIVALS: u32 = 2;
@@ -282,6 +284,17 @@ impl<P: Port> Kernels for StereoUnit<P> {
                 *rival = (found & 1) as u8;
                 found >>= 1;
             }
+        }
+    }
+
+    fn attenuate_row(&self, row: &mut AttenuateRow<'_>) {
+        self.port.write(SHIFT, row.shift.into());
+        for (doubts, register) in row.doubts.chunks(32).zip(DOUBTS) {
+            let bits = (0..32).zip(doubts);
+            let bits = bits.fold(0, |bits, (block, &doubt)| {
+                bits | u32::from(doubt > 0) << block
+            });
+            self.port.write(register, bits);
         }
     }
 

@@ -20,9 +20,9 @@ use vgstereo_core::kernel::{
 #[cfg(target_arch = "aarch64")]
 use vgstereo_kernels::aarch64::Neon;
 use vgstereo_kernels::cases::{
-    AggregateCase, ArmsCase, Case, ChannelCase, CheckCase, ConvertCase, CostCase, LumaCase,
-    MaskCase, Median9Case, PackCase, PathsCase, PenaltyCase, RecallCase, ResampleCase, RivalsCase,
-    RowsCase, SelectCase, SmoothCase, WeightedMedianCase, generator,
+    AggregateCase, ArmsCase, AttenuateCase, Case, ChannelCase, CheckCase, ConvertCase, CostCase,
+    LumaCase, MaskCase, Median9Case, PackCase, PathsCase, PenaltyCase, RecallCase, ResampleCase,
+    RivalsCase, RowsCase, SelectCase, SmoothCase, WeightedMedianCase, generator,
 };
 #[cfg(target_arch = "x86_64")]
 use vgstereo_kernels::x86_64::{Avx2, Avx512};
@@ -41,7 +41,8 @@ macro_rules! suite {
     ($name:literal: $set:expr) => {
         suite!(@ $name: $set; luma_row, channel_row, resample_row, convert_row, smooth_row,
             pack_cells, recall_row, mask_block, cost_run, penalty_row, aggregate_paths, select_row,
-            aggregate_row, whole_row, rivals_row, check_row, arms_row, median9_row, weighted_median_row)
+            aggregate_row, whole_row, rivals_row, attenuate_row, check_row, arms_row, median9_row,
+            weighted_median_row)
     };
     (@ $name:literal: $set:expr; $($kernel:ident),+) => {
         [$(trial(concat!($name, "::", stringify!($kernel)), $set, |set| $kernel(&|case| case.run(set))),)+]
@@ -116,8 +117,8 @@ impl<K: Kernels> Kernels for Forwarded<K> {
 
     forward_kernels!(set => &set.0, within |body| body(); luma_row,
         channel_row, resample_row, convert_row, smooth_row, pack_cells, recall_row, mask_block,
-        cost_run, penalty_row, aggregate_paths, select_row, aggregate_row, rivals_row, check_row, arms_row,
-        median9_row, weighted_median_row);
+        cost_run, penalty_row, aggregate_paths, select_row, aggregate_row, rivals_row, attenuate_row, check_row,
+        arms_row, median9_row, weighted_median_row);
 }
 
 /// The references in little code, which [`Armv7em`] takes with the feature `compact`.
@@ -128,7 +129,7 @@ impl Kernels for Compact {
     const FUSES_SELECTION: bool = false;
 
     forward_kernels!(set => &Portable; luma_row, channel_row, resample_row, convert_row, smooth_row, pack_cells,
-        recall_row, mask_block, penalty_row, rivals_row, check_row, arms_row, median9_row);
+        recall_row, mask_block, penalty_row, rivals_row, attenuate_row, check_row, arms_row, median9_row);
 
     fn weighted_median_row(
         &self,
@@ -268,6 +269,14 @@ fn rivals_row(run: Run<'_, RivalsCase>) {
         width in 1_usize..150, disparities in 1_usize..70, seed in any::<u64>()
     )| {
         is_alike(&mut RivalsCase::random(&mut generator(seed), width, disparities), run)?;
+    });
+}
+
+fn attenuate_row(run: Run<'_, AttenuateCase>) {
+    proptest!(config(), |(
+        width in 1_usize..60, disparities in 1_usize..70, seed in any::<u64>()
+    )| {
+        is_alike(&mut AttenuateCase::random(&mut generator(seed), width, disparities), run)?;
     });
 }
 

@@ -16,9 +16,9 @@ use semihosting::{print, println, process};
 use static_cell::ConstStaticCell;
 use vgstereo_core::kernel::{MASK_LANES, MAX_TAP_ROWS, PixelFormat, Portable};
 use vgstereo_kernels::cases::{
-    AggregateCase, ArmsCase, Case, ChannelCase, CheckCase, ConvertCase, CostCase, LumaCase,
-    MaskCase, Median9Case, PackCase, PathsCase, PenaltyCase, RecallCase, ResampleCase, RivalsCase,
-    SelectCase, SmoothCase, WeightedMedianCase, below, byte, generator,
+    AggregateCase, ArmsCase, AttenuateCase, Case, ChannelCase, CheckCase, ConvertCase, CostCase,
+    LumaCase, MaskCase, Median9Case, PackCase, PathsCase, PenaltyCase, RecallCase, ResampleCase,
+    RivalsCase, SelectCase, SmoothCase, WeightedMedianCase, below, byte, generator,
 };
 use vgstereo_kernels::{Armv7em, Helium};
 
@@ -202,6 +202,10 @@ fn paths() {
     compare!("rivals_row", |random| {
         let (width, disparities) = (within(random, 1, 149), within(random, 1, 69));
         RivalsCase::random(random, width, disparities)
+    });
+    compare!("attenuate_row", |random| {
+        let (width, disparities) = (within(random, 1, 59), within(random, 1, 69));
+        AttenuateCase::random(random, width, disparities)
     });
     compare!("check_row", |random| {
         let width = within(random, 1, 79);

@@ -19,6 +19,9 @@
 //  0x002c PENALTY     [7:0] P2  [15:8] smallest P2  [23:16] fall of P2 for a level, 1/16  [31:24] levels without a fall
 //  0x0030 GAIN        [14:0] gain, 1/4096  [23:16] difference that counts as none, levels
 //  0x0034 OFFSET      [22:0] offset, 1/4096 level, signed
+//  0x0038 DOUBTS      a bit for each block of four pixels whose costs count less for paths; 0x003c the next 32. None has
+//                     one once costs are made
+//  0x0040 SHIFT       [2:0] by how many bits such costs are shifted
 //  0x1000             read: of each pixel a word: [31:16] margin  [15:8] best  [7:0] step, 1/16 px, signed
 //  0x1400             read: of each position of the other view a word: sum << 16 | index
 //  0x1800             read: bytes of cells, levels, penalties or medians
@@ -52,7 +55,7 @@ module stereo_unit #(
   } command_t;
 
   wire writes = write && !addr[12];
-  wire [3:0] place = addr[5:2];
+  wire [4:0] place = addr[6:2];
   logic [23:0] address;
   logic [7:0] pixels, difference_truncation, difference_weight_q4, p1, relief, ratio_q4, slack, rise;
   logic [6:0] disparities, reach;
@@ -62,6 +65,8 @@ module stereo_unit #(
   logic [9:0] lines_min;
   logic [WORD_AT-1:0] first;
   logic is_first;
+  logic [63:0] doubts;
+  logic [2:0] shift;
   command_t command;
   logic [7:0] step_max;
   logic [1:0] result_place;
@@ -72,7 +77,7 @@ module stereo_unit #(
   logic [4:0] run_to;
   logic [31:0] run_word;
   unit_reader reader (
-      .clk, .rst_n, .queue(writes && place == 4'd2), .address, .bytes(write_data[9:0]),
+      .clk, .rst_n, .queue(writes && place == 5'd2), .address, .bytes(write_data[9:0]),
       .destination(write_data[14:10]), .place(write_data[16:15]), .busy(reader_busy), .asks(memory_asks),
       .word_at(memory_at), .takes(memory_takes), .data(memory_data), .valid(run_valid), .index(run_index),
       .to(run_to), .word(run_word));
@@ -88,24 +93,28 @@ module stereo_unit #(
       started <= '0;
     end else begin
       started <= {started[0], starts};
-      if (writes && place == 4'd0) command <= command_t'(write_data[2:0]);
+      if (writes && place == 5'd0) command <= command_t'(write_data[2:0]);
       else if (starts) command <= NOTHING;
     end
     if (writes) begin
       case (place)
-        4'd0: {result_place, step_max} <= write_data[17:8];
-        4'd1: address <= write_data[23:0];
-        4'd3: {disparities, pixels} <= write_data[14:0];
-        4'd4: first <= write_data[WORD_AT-1:0];
-        4'd5: {difference_weight_q4, difference_truncation} <= write_data[15:0];
-        4'd6: {is_first, lines_min, relief, p1} <= write_data[26:0];
-        4'd7: {reach, rise, slack, ratio_q4} <= write_data[30:0];
-        4'd11: {step_min, adaptation_q4, p2_floor, p2} <= write_data;
-        4'd12: {dead_zone, gain_q12} <= {write_data[23:16], write_data[14:0]};
-        4'd13: offset_q12 <= write_data[22:0];
+        5'd0: {result_place, step_max} <= write_data[17:8];
+        5'd1: address <= write_data[23:0];
+        5'd3: {disparities, pixels} <= write_data[14:0];
+        5'd4: first <= write_data[WORD_AT-1:0];
+        5'd5: {difference_weight_q4, difference_truncation} <= write_data[15:0];
+        5'd6: {is_first, lines_min, relief, p1} <= write_data[26:0];
+        5'd7: {reach, rise, slack, ratio_q4} <= write_data[30:0];
+        5'd11: {step_min, adaptation_q4, p2_floor, p2} <= write_data;
+        5'd12: {dead_zone, gain_q12} <= {write_data[23:16], write_data[14:0]};
+        5'd13: offset_q12 <= write_data[22:0];
+        5'd14: doubts[31:0] <= write_data;
+        5'd15: doubts[63:32] <= write_data;
+        5'd16: shift <= write_data[2:0];
         default: ;
       endcase
     end
+    if (starts && command == MAKE_COSTS) doubts <= '0;
   end
 
   // What the runs fill.
@@ -155,7 +164,7 @@ module stereo_unit #(
   logic [7:0] sums_pixel;
   logic [10*LANES-1:0] sums;
   unit_paths #(.LANES(LANES), .DISPARITIES(DISPARITIES), .WORD_AT(WORD_AT)) paths (
-      .clk, .rst_n, .start(starts && command == MAKE_PATHS), .is_first, .pixels, .disparities, .p1,
+      .clk, .rst_n, .start(starts && command == MAKE_PATHS), .is_first, .pixels, .disparities, .p1, .doubts, .shift,
       .busy(paths_busy), .along_pixel, .down_pixel, .p2_along(buffer[13][8*along_pixel[1:0]+:8]),
       .p2_down(buffer[14][8*down_pixel[1:0]+:8]), .costs_at(paths_costs_at), .costs, .valid(sums_valid), .sums_block,
       .sums_last, .sums_pixel, .sums);
@@ -212,10 +221,10 @@ module stereo_unit #(
     if (addr[12]) register_data <= results;
     else begin
       case (place)
-        4'd0: register_data <= {31'b0, at_work};
-        4'd8: register_data <= rivals[31:0];
-        4'd9: register_data <= rivals[63:32];
-        4'd10: register_data <= {16'(COSTS), 8'(DISPARITIES), 8'(LANES)};
+        5'd0: register_data <= {31'b0, at_work};
+        5'd8: register_data <= rivals[31:0];
+        5'd9: register_data <= rivals[63:32];
+        5'd10: register_data <= {16'(COSTS), 8'(DISPARITIES), 8'(LANES)};
         default: register_data <= '0;
       endcase
     end

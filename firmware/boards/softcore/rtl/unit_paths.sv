@@ -14,6 +14,9 @@ module unit_paths #(
     input  logic [7:0]          pixels,
     input  logic [6:0]          disparities,
     input  logic [7:0]          p1,
+    // Blocks of four pixels whose costs are shifted.
+    input  logic [63:0]         doubts,
+    input  logic [2:0]          shift,
     output logic                busy,
     // P2 of a pixel.
     output logic [7:0]          along_pixel, down_pixel,
@@ -42,7 +45,7 @@ module unit_paths #(
   wire [7:0] step_pixel = back ? pixels - place : place - 1'b1;
 
   // Blocks that come, are in the first stage, and in the second and third.
-  logic comes, is_made_2, is_made_3;
+  logic comes, in_doubt, is_made_2, is_made_3;
   logic [BLOCK_AT-1:0] block_come, block_2, block_3;
   wire [BLOCK_AT-1:0] block = phase[BLOCK_AT-1:0];
   wire is_made = steps && busy && phase < blocks;
@@ -85,6 +88,11 @@ module unit_paths #(
     logic [8:0] sum;
     sum = 9'(cost) + 9'(least(onward - least_before, p2));
     return sum[8] ? 8'hff : sum[7:0];
+  endfunction
+
+  // What is beyond the disparities has the highest cost, and keeps it.
+  function automatic logic [7:0] attenuated(input logic [7:0] cost);
+    return cost == 8'hff ? cost : cost >> shift;
   endfunction
 
   function automatic logic [7:0] least_of(input logic [7:0] values[FOURS]);
@@ -147,9 +155,10 @@ module unit_paths #(
       valid <= is_made_3 && back;
     end
     {block_come, block_2, block_3} <= {block, block, block_2};
+    in_doubt <= doubts[read_pixel[7:2]];
     if (comes) begin
       for (int lane = 0; lane < LANES; lane++) begin
-        cost_next[block_come*LANES+lane] <= costs[8*lane+:8];
+        cost_next[block_come*LANES+lane] <= in_doubt ? attenuated(costs[8*lane+:8]) : costs[8*lane+:8];
         above_next[block_come*LANES+lane] <= above_read[8*lane+:8];
         part_next[block_come*LANES+lane] <= part_read[9*lane+:9];
       end

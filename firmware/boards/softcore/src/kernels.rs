@@ -25,7 +25,7 @@ impl Kernels for PlainKernels {
     const FUSES_SELECTION: bool = Processor::FUSES_SELECTION;
 
     forward_kernels!(set => &Processor; luma_row, channel_row, convert_row, smooth_row, pack_cells, penalty_row,
-        aggregate_paths, select_row, aggregate_row, rivals_row, check_row, median9_row);
+        aggregate_paths, select_row, aggregate_row, rivals_row, attenuate_row, check_row, median9_row);
     forward_kernels!(set => &OTHERS; mask_block, arms_row, weighted_median_row);
     // Of what is here for every preset.
     forward_kernels!(set => &Portable; resample_row, recall_row);

@@ -69,7 +69,7 @@ impl UnitKernels {
 impl Kernels for UnitKernels {
     const FUSES_SELECTION: bool = true;
 
-    forward_kernels!(set => &set.0; convert_row, smooth_row, pack_cells, cost_run, rivals_row, penalty_row, aggregate_row,
+    forward_kernels!(set => &set.0; convert_row, smooth_row, pack_cells, cost_run, rivals_row, attenuate_row, penalty_row, aggregate_row,
         median9_row);
     // `lite` uses no others, and calls neither paths nor selection alone.
     forward_kernels!(set => &Rv32; luma_row, channel_row, check_row);

@@ -44,6 +44,7 @@ impl Kernels for Avx2 {
             aggregate_paths,
             select_row,
             rivals_row,
+            attenuate_row,
             check_row,
             arms_row,
             median9_row,

@@ -58,6 +58,7 @@ impl Kernels for Avx512 {
             aggregate_paths,
             select_row,
             rivals_row,
+            attenuate_row,
             check_row,
             arms_row,
             median9_row,
