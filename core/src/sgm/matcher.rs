@@ -533,12 +533,12 @@ impl<'m, K: Kernels, M: RowMasks> SgmMatcher<'m, K, M> {
         }
         self.kernels
             .penalty_row(&penalty, grey, above, self.p2_down);
-        if let (Some(rivals), Some(parameters)) = (&self.rivals, &parameters.rivals) {
-            if parameters.p2_min > 0 {
-                let p2 = parameters.p2_min.max(penalty.most);
-                rivals.fill(self.p2_along, p2);
-                rivals.fill(self.p2_down, p2);
-            }
+        if let (Some(rivals), Some(parameters)) = (&self.rivals, &parameters.rivals)
+            && parameters.p2_min > 0
+        {
+            let p2 = parameters.p2_min.max(penalty.most);
+            rivals.fill(self.p2_along, p2);
+            rivals.fill(self.p2_down, p2);
         }
         self.kernels.aggregate_row(&mut AggregateRow {
             costs: self.costs,
