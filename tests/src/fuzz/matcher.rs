@@ -162,8 +162,8 @@ fn sgm_parameters(u: &mut Unstructured<'_>) -> Result<SgmParameters> {
                 run_min_px: u.arbitrary()?,
                 spread_px: u.arbitrary()?,
                 row_step: u.arbitrary()?,
-                cost_shift: u.int_in_range(0..=8)?,
-                p2_min: u.arbitrary()?,
+                cost_shift: u.int_in_range(0..=7)?,
+                p2_min: u.int_in_range(0..=p2)?,
             })
         } else {
             None
