@@ -312,9 +312,22 @@ fn aggregations_out_of_range_are_refused() {
         Matcher::new(&config, Portable, &mut vec![0; 1 << 20]).err()
     };
     assert_eq!(refusal(&|_| ()), None);
-    let costs: [&dyn Fn(&mut SgmParameters); 6] = [
+    let rivals = |a: &mut SgmParameters, cost_shift: u8, p2_min: u8| {
+        let rivals = a.rivals.as_mut().unwrap();
+        (rivals.cost_shift, rivals.p2_min) = (cost_shift, p2_min);
+    };
+    let costs: [&dyn Fn(&mut SgmParameters); 8] = [
         // The sum with P2 and the 45 of the levels is 255, one too many.
-        &|a| a.hamming_truncation = 255 - 45 - a.p2,
+        &|a| {
+            a.hamming_truncation = 255 - 45 - a.p2;
+            rivals(a, 2, 0);
+        },
+        // So is that with the P2 of rivals.
+        &|a| {
+            let p2_min = 255 - 45 - a.hamming_truncation;
+            rivals(a, 2, p2_min);
+        },
+        &|a| rivals(a, 8, 160),
         &|a| a.difference_weight_q4 = 255,
         &|a| a.p2 = 255,
         &|a| a.p1 = a.p2 + 1,
@@ -324,7 +337,17 @@ fn aggregations_out_of_range_are_refused() {
     for (number, change) in costs.into_iter().enumerate() {
         assert_eq!(refusal(change), Some(ConfigError::Costs), "{number}");
     }
-    assert_eq!(refusal(&|a| a.hamming_truncation = 254 - 45 - a.p2), None);
+    let largest = refusal(&|a| {
+        a.hamming_truncation = 254 - 45 - a.p2;
+        let p2 = a.p2;
+        rivals(a, 7, p2);
+    });
+    assert_eq!(largest, None);
+    let largest = refusal(&|a| {
+        let p2_min = 254 - 45 - a.hamming_truncation;
+        rivals(a, 2, p2_min);
+    });
+    assert_eq!(largest, None);
     assert_eq!(refusal(&|a| a.hamming_scale = 250), None);
     let refused = refusal(&|a| a.line_offset_max_lines = 5);
     assert_eq!(refused, Some(ConfigError::LineOffset));
