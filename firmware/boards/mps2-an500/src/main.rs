@@ -13,6 +13,15 @@ use vgstereo_emulated::serve;
 use vgstereo_emulated::stack::Stack;
 use vgstereo_kernels::Armv7em;
 
+unsafe extern "C" {
+    fn DefaultHandler();
+}
+
+/// The rest of the table of vectors: the part's 32 interrupts, none of which is enabled.
+#[unsafe(link_section = ".vector_table.interrupts")]
+#[unsafe(export_name = "__INTERRUPTS")]
+static INTERRUPTS: [unsafe extern "C" fn(); 32] = [DefaultHandler; 32];
+
 /// Memory lent to session and matcher: 384 KB of 1 MB.
 #[unsafe(export_name = "lent_memory")]
 static MEMORY: ConstStaticCell<[u32; 384 * 1024 / 4]> = ConstStaticCell::new([0; 384 * 1024 / 4]);

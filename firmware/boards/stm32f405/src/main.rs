@@ -8,6 +8,8 @@ mod usart;
 use cortex_m as _;
 use cortex_m_rt::entry;
 use static_cell::ConstStaticCell;
+// Linked for the part's table of vectors.
+use stm32_metapac as _;
 use usart::Usart1;
 use vgstereo_emulated::board::Board;
 use vgstereo_emulated::meter::Counter;
