@@ -1,5 +1,6 @@
 // The stereo unit: matching costs, path costs and selection of a row, rivals in it, cells of patterns, smoothed and
-// converted levels, penalties and medians of disparities. It reads what it needs from the data memory while the processor does not, and keeps costs and paths to itself.
+// converted levels, penalties and medians of disparities. It reads what it needs from the data memory while the
+// processor does not, and keeps costs and paths to itself.
 //
 //  0x0000 STATUS      read: [0] it is at work. Nothing but STATUS and the queue is to be touched then
 //         COMMAND     write: what to do when the queued runs have been read: [2:0] 1 costs, 2 rivals, 3 paths and
@@ -29,7 +30,8 @@
 // Destinations of runs: 0 to 3 planes of the pixels' patterns, 4 to 7 of the other view's, 8 and 9 lowest and highest
 // levels that are equal, 10 levels, 11 truncations, 12 costs of a cell (two bytes each), 13 P2 along the line, 14 P2
 // down. The rows about one that is smoothed are 0 to 2, those of disparities begin at 0, 2 and 4 and take two buffers of
-// 64 words each. Levels that get penalties, or that are converted, are 0, and their neighbours 1. 16 to 24 are the samples of cells, which are packed while they come: first 16, then one after another.
+// 64 words each. Levels that get penalties, or that are converted, are 0, and their neighbours 1. 16 to 24 are the
+// samples of cells, which are packed while they come: first 16, then one after another.
 // Pixels are at most 160 in a row and 128 in a run of costs.
 module stereo_unit #(
     parameter int LANES = 16,
@@ -70,6 +72,10 @@ module stereo_unit #(
   command_t command;
   logic [7:0] step_max;
   logic [1:0] result_place;
+
+  // Of the costs of a pixel. It stays as it is while the unit is at work.
+  logic [6:0] last_block;
+  always_ff @(posedge clk) last_block <= (disparities - 1'b1) / 7'(LANES);
 
   logic reader_busy, run_valid, costs_busy, rivals_busy, paths_busy, selection_busy;
   logic windows_busy;
@@ -145,8 +151,9 @@ module stereo_unit #(
   logic [WORD_AT-1:0] costs_write_at, paths_costs_at, rivals_costs_at;
   logic [8*LANES-1:0] costs_made, costs;
   unit_costs #(.LANES(LANES), .DISPARITIES(DISPARITIES), .WORD_AT(WORD_AT)) matching (
-      .clk, .rst_n, .start(starts && command == MAKE_COSTS), .pixels, .disparities, .first, .difference_truncation,
-      .difference_weight_q4, .busy(costs_busy), .pixel, .pattern, .level(buffer[10][8*pixel[1:0]+:8]),
+      .clk, .rst_n, .start(starts && command == MAKE_COSTS), .pixels, .disparities, .last_block, .first,
+      .difference_truncation, .difference_weight_q4, .busy(costs_busy), .pixel, .pattern,
+      .level(buffer[10][8*pixel[1:0]+:8]),
       .truncation(buffer[11][8*pixel[1:0]+:8]), .cell_cost_q8(buffer[12][16*pixel[0]+:16]), .position, .stored,
       .low(buffer[8][8*position[1:0]+:8]), .high(buffer[9][8*position[1:0]+:8]), .write(costs_write),
       .write_at(costs_write_at), .costs(costs_made));
@@ -156,15 +163,15 @@ module stereo_unit #(
 
   logic [63:0] rivals;
   unit_rivals #(.LANES(LANES), .DISPARITIES(DISPARITIES), .WORD_AT(WORD_AT)) repeated (
-      .clk, .rst_n, .start(starts && command == FIND_RIVALS), .pixels, .disparities, .ratio_q4, .slack, .rise, .reach,
-      .busy(rivals_busy), .costs_at(rivals_costs_at), .costs, .rivals);
+      .clk, .rst_n, .start(starts && command == FIND_RIVALS), .pixels, .disparities, .last_block, .ratio_q4, .slack,
+      .rise, .reach, .busy(rivals_busy), .costs_at(rivals_costs_at), .costs, .rivals);
 
   logic sums_valid, sums_last;
   logic [5:0] sums_block;
   logic [7:0] sums_pixel;
   logic [10*LANES-1:0] sums;
   unit_paths #(.LANES(LANES), .DISPARITIES(DISPARITIES), .WORD_AT(WORD_AT)) paths (
-      .clk, .rst_n, .start(starts && command == MAKE_PATHS), .is_first, .pixels, .disparities, .p1, .doubts, .shift,
+      .clk, .rst_n, .start(starts && command == MAKE_PATHS), .is_first, .pixels, .last_block, .p1, .doubts, .shift,
       .busy(paths_busy), .along_pixel, .down_pixel, .p2_along(buffer[13][8*along_pixel[1:0]+:8]),
       .p2_down(buffer[14][8*down_pixel[1:0]+:8]), .costs_at(paths_costs_at), .costs, .valid(sums_valid), .sums_block,
       .sums_last, .sums_pixel, .sums);
@@ -176,9 +183,9 @@ module stereo_unit #(
   logic [14:0] margin;
   logic signed [4:0] step_q4;
   unit_selection #(.LANES(LANES), .DISPARITIES(DISPARITIES)) selection (
-      .clk, .rst_n, .start(starts && command == MAKE_PATHS), .disparities, .relief, .lines_min, .valid(sums_valid),
-      .block(sums_block), .last(sums_last), .pixel(sums_pixel), .sums, .busy(selection_busy), .other_write, .other_at,
-      .other, .best_write, .best_at, .best, .margin, .step_q4);
+      .clk, .rst_n, .start(starts && command == MAKE_PATHS), .disparities, .last_block, .relief, .lines_min,
+      .valid(sums_valid), .block(sums_block), .last(sums_last), .pixel(sums_pixel), .sums, .busy(selection_busy),
+      .other_write, .other_at, .other, .best_write, .best_at, .best, .margin, .step_q4);
 
   // What is read.
   logic [31:0] best_read;

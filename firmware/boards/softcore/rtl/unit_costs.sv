@@ -11,7 +11,7 @@ module unit_costs #(
     input  logic               clk, rst_n,
     input  logic               start,
     input  logic [7:0]         pixels,
-    input  logic [6:0]         disparities,
+    input  logic [6:0]         disparities, last_block,
     input  logic [WORD_AT-1:0] first,                  // word of the first pixel's costs
     input  logic [7:0]         difference_truncation,
     input  logic [7:0]         difference_weight_q4,
@@ -33,7 +33,6 @@ module unit_costs #(
   localparam int BLOCK_AT = BLOCKS > 1 ? $clog2(BLOCKS) : 1;
   typedef enum logic [1:0] {IDLE, MOVE, BLOCK, DRAIN} state_t;
   state_t state;
-  wire [6:0] last_block = (disparities - 1'b1) / 7'(LANES);
 
   logic [47:0] window[DISPARITIES];
   logic is_within[DISPARITIES];

@@ -12,7 +12,7 @@ module unit_paths #(
     input  logic                start,
     input  logic                is_first,     // no row is above
     input  logic [7:0]          pixels,
-    input  logic [6:0]          disparities,
+    input  logic [6:0]          last_block,
     input  logic [7:0]          p1,
     // Blocks of four pixels whose costs are shifted.
     input  logic [63:0]         doubts,
@@ -33,12 +33,17 @@ module unit_paths #(
 );
   localparam int BLOCKS = DISPARITIES / LANES;
   localparam int BLOCK_AT = BLOCKS > 1 ? $clog2(BLOCKS) : 1;
-  wire [6:0] blocks = (disparities - 1'b1) / 7'(LANES) + 1'b1;
+  // They stay as they are during a row.
+  logic [6:0] blocks, last_phase;
+  always_ff @(posedge clk) begin
+    blocks <= last_block + 1'b1;
+    last_phase <= last_block + 7'd2;
+  end
 
   logic back;                    // from right to left
   logic [7:0] place;             // pixels that were read, in the order of the pass
   logic [6:0] phase;
-  wire ends_phase = phase == blocks + 1'b1;
+  wire ends_phase = phase == last_phase;
   wire reads = place != pixels;
   wire steps = place != 0;
   wire [7:0] read_pixel = back ? pixels - 1'b1 - place : place;
@@ -181,7 +186,7 @@ module unit_paths #(
     for (int lane = 0; lane < LANES; lane++) begin
       automatic int d = 32'(block) * LANES + lane;
       automatic logic is_lowest = lane == 0 && block == 0;
-      automatic logic is_highest = lane == LANES - 1 && phase + 1'b1 == blocks;
+      automatic logic is_highest = lane == LANES - 1 && phase == last_block;
       onward_path[lane] <= onward(is_lowest ? 8'hff : path[d-1], path[d], is_highest ? 8'hff : path[d+1], p1);
       onward_above[lane] <= onward(is_lowest ? 8'hff : above[d-1], above[d], is_highest ? 8'hff : above[d+1], p1);
     end
@@ -208,7 +213,7 @@ module unit_paths #(
       for (int lane = 0; lane < LANES; lane++)
         sums[10*lane+:10] <= 10'(part[block_3*LANES+lane]) + 10'(new_path[lane]);
       sums_block <= 6'(block_3);
-      sums_last <= 7'(block_3) + 1'b1 == blocks;
+      sums_last <= 7'(block_3) == last_block;
       sums_pixel <= step_pixel;
     end
   end

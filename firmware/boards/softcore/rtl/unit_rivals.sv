@@ -8,7 +8,7 @@ module unit_rivals #(
     input  logic               clk, rst_n,
     input  logic               start,
     input  logic [7:0]         pixels,
-    input  logic [6:0]         disparities,
+    input  logic [6:0]         disparities, last_block,
     input  logic [7:0]         ratio_q4, slack, rise,
     input  logic [6:0]         reach,
     output logic               busy,
@@ -23,11 +23,9 @@ module unit_rivals #(
   // Disparities beyond a multiple of four are left out.
   wire [6:0] used = {disparities[6:2], 2'b0};
   // They stay as they are during a run.
-  logic [6:0] last_block;
   logic [WORD_AT-1:0] blocks;
   logic is_within[DISPARITIES];
   always_ff @(posedge clk) begin
-    last_block <= (disparities - 1'b1) / 7'(LANES);
     blocks <= WORD_AT'(last_block + 1'b1);
     for (int d = 0; d < DISPARITIES; d++) is_within[d] <= 7'(d) < used;
   end

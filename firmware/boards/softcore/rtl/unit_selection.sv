@@ -8,7 +8,7 @@ module unit_selection #(
 ) (
     input  logic                clk, rst_n,
     input  logic                start,
-    input  logic [6:0]          disparities,
+    input  logic [6:0]          disparities, last_block,
     input  logic [7:0]          relief,
     input  logic [9:0]          lines_min,
     input  logic                valid,
@@ -31,7 +31,6 @@ module unit_selection #(
   localparam int BLOCKS = DISPARITIES / LANES;
   localparam int BLOCK_AT = BLOCKS > 1 ? $clog2(BLOCKS) : 1;
   localparam logic [15:0] NONE = '1;
-  wire [6:0] last_block = (disparities - 1'b1) / 7'(LANES);
 
   // The least of a block is found in two cycles: of each four first.
   localparam int FOURS = LANES / 4;
