@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use toml::{Table, Value};
-use vgstereo_core::{Method, Parameters};
+use vgstereo_core::{Parameters, Preset};
 
 use crate::escapes::shown;
 use crate::files::read_text;
@@ -23,11 +23,19 @@ pub fn to_toml(parameters: &Parameters) -> Result<String> {
     let mut table = Table::try_from(parameters)?;
     // Stages that are left out are written as such. Otherwise those of the preset that the
     // document is applied to would remain.
-    if let (Method::Sgm(_), Some(Value::Table(method))) =
-        (parameters.method, table.get_mut("method"))
-    {
-        for stage in ["speckle", "vote", "weighted_median"] {
-            method.entry(stage).or_insert(NONE.into());
+    if let Some(Value::Table(method)) = table.get_mut("method") {
+        for preset in Preset::ALL {
+            let other = Table::try_from(preset.parameters())?;
+            let Some(Value::Table(other)) = other.get("method") else {
+                continue;
+            };
+            if other.get("kind") == method.get("kind") {
+                for stage in other.keys() {
+                    if !method.contains_key(stage) {
+                        method.insert(stage.clone(), NONE.into());
+                    }
+                }
+            }
         }
     }
     Ok(toml::to_string_pretty(&table)?)
@@ -124,7 +132,7 @@ fn merge(table: &mut Table, changes: Table) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use vgstereo_core::Preset;
+    use vgstereo_core::Method;
 
     #[test]
     fn every_preset_reads_back() {
@@ -135,6 +143,20 @@ mod tests {
                 let read = with_toml(&other.parameters(), &text, "p.toml").unwrap();
                 assert_eq!(read, parameters, "{preset} over {other}");
             }
+        }
+    }
+
+    #[test]
+    fn stages_that_are_left_out_stay_out() {
+        let mut parameters = Preset::Balanced.parameters();
+        let Method::Sgm(sgm) = &mut parameters.method else {
+            panic!("balanced aggregates");
+        };
+        (sgm.rivals, sgm.speckle, sgm.vote, sgm.weighted_median) = (None, None, None, None);
+        let text = to_toml(&parameters).unwrap();
+        for other in Preset::ALL {
+            let read = with_toml(&other.parameters(), &text, "p.toml").unwrap();
+            assert_eq!(read, parameters, "over {other}");
         }
     }
 
