@@ -1,29 +1,36 @@
 //! The border: extends the nearest surface to the columns that the other view does not show.
 //!
 //! The first columns of a row, in stored order, have their matches beyond the edge of the other
-//! view and are rejected. A straight line is fitted to the disparities that follow and extended to
-//! the edge. Its slope is smoothed from row to row, and bounded.
+//! view and are rejected. The surface that follows, up to the first jump of its disparities, is
+//! extended to the edge along a straight line: through its nearest disparities, and with a slope that
+//! is fitted to it and to that of the rows above, each of which counts less than the one below it.
 
+use crate::disparity::STEPS_PER_PX;
 use crate::rows::Found;
 
-/// Number of columns, from the first known disparity on, that the line is fitted to.
+/// Number of columns, from the first known disparity on, that a slope is fitted to.
 const FITTED_PX: usize = 32;
-/// Smallest number of known disparities among them.
+/// Smallest number of known disparities among them that a slope is fitted to.
 const FITTED_MIN: i32 = 4;
-/// Largest slope: an eighth of a pixel per pixel, in 1/4096 of 1/16 px per px.
-const SLOPE_MAX_Q12: i64 = 1 << 13;
-/// Smoothing of the slope: that of a row has a weight of 1/8, that of the rows above the rest.
-const SMOOTHING: u32 = 3;
+/// Number of known disparities, from the first on, whose middle the line goes through.
+const NEAREST: i32 = 8;
+/// Largest step from one known disparity to the next on one surface, 1/16 px.
+const STEP_MAX_Q4: i32 = STEPS_PER_PX as i32;
+/// Largest slope: 3/32 px per px, in 1/256 of 1/16 px per px.
+const SLOPE_MAX_Q8: i32 = 3 << 7;
 
-/// Extension to the border, with the smoothed slope of the rows so far.
+/// Extension to the border, with what slopes of the rows so far are fitted to.
 #[derive(Debug, Default)]
 pub(super) struct Border {
-    slope_q12: i64,
+    /// Sum of the squared distances of the fitted columns from their middle, px^2, times 4.
+    spread: i32,
+    /// Sum of the products of these distances and those of the disparities, 1/16 px^2, times 4.
+    covariance: i32,
 }
 
 impl Border {
     pub(super) fn reset(&mut self) {
-        self.slope_q12 = 0;
+        *self = Self::default();
     }
 
     /// Extends the disparities of a row to its first column. `row` has stored values of [`Found`];
@@ -33,30 +40,45 @@ impl Border {
             return;
         };
         let (before, known) = row.split_at_mut(first);
-        let (mut n, mut sum_x, mut sum_y, mut sum_xx, mut sum_xy) = (0, 0, 0, 0, 0);
-        for (&found, x) in known.iter().take(FITTED_PX).zip(0_i32..) {
-            if Found::of(found).holds() {
-                let y = i32::from(found);
-                n += 1;
-                sum_x += x;
-                sum_y += y;
-                sum_xx += x * x;
-                sum_xy += x * y;
-            }
-        }
-        if before.is_empty() || n < FITTED_MIN {
+        if before.is_empty() {
             return;
         }
-        let [n, sum_x, sum_y, sum_xx, sum_xy] = [n, sum_x, sum_y, sum_xx, sum_xy].map(i64::from);
-        // Different columns, so not 0. Divisions are per row.
-        let spread = n * sum_xx - sum_x * sum_x;
-        let slope_q12 = ((n * sum_xy - sum_x * sum_y) << 12).div_euclid(spread.max(1));
-        self.slope_q12 +=
-            (slope_q12.clamp(-SLOPE_MAX_Q12, SLOPE_MAX_Q12) - self.slope_q12) >> SMOOTHING;
-        // At the first known column, through the middle of the fitted ones.
-        let at_first_q12 = ((sum_y << 12) - self.slope_q12 * sum_x).div_euclid(n.max(1));
-        for (pixel, x) in before.iter_mut().rev().zip(1_i64..) {
-            let value_q4 = (at_first_q12 - self.slope_q12 * x + (1 << 11)) >> 12;
+        let first_q4 = i32::from(known.first().copied().unwrap_or(0));
+        let (mut n, mut sum_x, mut sum_y, mut sum_xx, mut sum_xy) = (0, 0, 0, 0, 0);
+        // The nearest ones' number and sums.
+        let mut nearest = (0, 0, 0);
+        let mut last = 0;
+        for (&found, x) in known.iter().take(FITTED_PX).zip(0_i32..) {
+            if !Found::of(found).holds() {
+                continue;
+            }
+            // Less than 32 steps from the first, so that all sums fit.
+            let y = i32::from(found) - first_q4;
+            if (y - last).abs() > STEP_MAX_Q4 {
+                break;
+            }
+            last = y;
+            n += 1;
+            sum_x += x;
+            sum_y += y;
+            sum_xx += x * x;
+            sum_xy += x * y;
+            if n <= NEAREST {
+                nearest = (n, sum_x, sum_y);
+            }
+        }
+        // Divisions are per row.
+        if n >= FITTED_MIN {
+            self.spread += 4 * (n * sum_xx - sum_x * sum_x) / n - (self.spread >> 2);
+            self.covariance += 4 * (n * sum_xy - sum_x * sum_y) / n - (self.covariance >> 2);
+        }
+        let slope_q8 = (self.covariance << 8) / self.spread.max(1);
+        let slope_q8 = slope_q8.clamp(-SLOPE_MAX_Q8, SLOPE_MAX_Q8);
+        let (n, sum_x, sum_y) = nearest;
+        let middle_q8 = ((sum_y << 8) - slope_q8 * sum_x) / n.max(1);
+        let at_first_q8 = (first_q4 << 8) + middle_q8;
+        for (pixel, x) in before.iter_mut().rev().zip(1_i32..) {
+            let value_q4 = (at_first_q8 - slope_q8 * x + (1 << 7)) >> 8;
             // Limited to what an `i16` holds.
             *pixel = value_q4.min(largest_index_q4.into()).max(0) as i16;
         }
@@ -68,33 +90,76 @@ mod tests {
     use super::*;
     use crate::disparity::INVALID;
 
+    const FIRST: usize = 8;
+
+    /// A row whose disparities begin in column `FIRST`.
+    fn row(found: impl Fn(i16) -> i16) -> [i16; 60] {
+        core::array::from_fn(|x| if x < FIRST { INVALID } else { found(x as i16) })
+    }
+
+    fn extended(border: &mut Border, row: [i16; 60]) -> [i16; 60] {
+        let mut extended = row;
+        border.extend(&mut extended, 2000);
+        assert_eq!(extended[FIRST..], row[FIRST..]);
+        extended
+    }
+
     #[test]
     fn a_slanted_surface_is_drawn_on_to_the_edge() {
-        const FIRST: usize = 8;
         let mut border = Border::default();
-        // A slope of 1 / 16 px per px; the smoothed slope comes to it from row to row.
-        let row: [i16; 60] =
-            core::array::from_fn(|x| if x < FIRST { INVALID } else { 100 + x as i16 });
-        for _ in 0..60 {
-            let mut row = row;
-            border.extend(&mut row, 2000);
-            assert_eq!(
-                row[FIRST..],
-                core::array::from_fn::<i16, 52, _>(|x| 108 + x as i16)
+        // Of a slope of 1/16 px per px, from the first row on.
+        for row in [row(|x| 100 + x), row(|x| 140 + x)] {
+            let drawn = extended(&mut border, row);
+            assert!(
+                drawn.windows(2).all(|pair| pair[1] - pair[0] == 1),
+                "{drawn:?}"
             );
         }
-        let mut drawn = row;
-        border.extend(&mut drawn, 2000);
-        for (x, &found) in drawn.iter().enumerate() {
-            assert!((found - 100 - x as i16).abs() <= 1, "{x}: {found}");
-        }
+        border.reset();
         // Bounded by the range of disparities.
-        let mut drawn = row.map(|found| if found == INVALID { found } else { found - 107 });
-        border.extend(&mut drawn, 2000);
+        let drawn = extended(&mut border, row(|x| x - 7));
         assert!(drawn[..FIRST - 1].iter().all(|&found| found == 0));
-        // Too few known disparities, and those in doubt, change nothing.
-        let mut few = [INVALID, INVALID, 5, 5, 5, !7, !7, INVALID];
-        border.extend(&mut few, 2000);
-        assert_eq!(few, [INVALID, INVALID, 5, 5, 5, !7, !7, INVALID]);
+        border.reset();
+        let mut drawn = row(|x| 2000 - x);
+        border.extend(&mut drawn, 1995);
+        assert!(drawn[..4].iter().all(|&found| found == 1995));
+    }
+
+    #[test]
+    fn a_surface_ends_where_disparities_jump() {
+        let jump = row(|x| if x < 20 { 320 } else { 337 + x });
+        assert_eq!(
+            extended(&mut Border::default(), jump)[..FIRST],
+            [320; FIRST]
+        );
+        // A step of a whole pixel is none, nor is a gap.
+        let slope = row(|x| if x % 2 == 0 { 320 + 3 * x / 2 } else { INVALID });
+        let drawn = extended(&mut Border::default(), slope);
+        assert_eq!(drawn[0], 320, "{drawn:?}");
+    }
+
+    #[test]
+    fn the_steepest_slope_is_three_thirty_seconds() {
+        let drawn = extended(&mut Border::default(), row(|x| 400 + 4 * x));
+        assert_eq!(drawn[FIRST - 1] - drawn[FIRST - 5], 6, "{drawn:?}");
+    }
+
+    #[test]
+    fn few_disparities_are_drawn_on_with_the_slope_of_the_rows_above() {
+        let few = [INVALID, INVALID, 50, !7, 50, !7, 50, INVALID];
+        let mut extended = few;
+        let mut border = Border::default();
+        border.extend(&mut extended, 2000);
+        assert_eq!(extended[..2], [50; 2]);
+        assert_eq!(extended[2..], few[2..]);
+        border.extend(&mut row(|x| 300 + x), 2000);
+        let mut extended = few;
+        border.extend(&mut extended, 2000);
+        // Two columns before the middle of the three.
+        assert_eq!(extended[..2], [46, 47]);
+        // Those in doubt alone are none.
+        let mut none = [INVALID, !7, !9];
+        border.extend(&mut none, 2000);
+        assert_eq!(none, [INVALID, !7, !9]);
     }
 }

@@ -1258,33 +1258,39 @@ fn vote(
 }
 
 fn border(map: &mut [i32], view: &View, largest: i32) {
-    let mut slope = 0_i64;
+    let (mut spread, mut covariance) = (0_i64, 0_i64);
     for line in map.chunks_mut(view.width as usize) {
         let Some(first) = line.iter().position(|&found| found >= 0) else {
             continue;
         };
+        if first == 0 {
+            continue;
+        }
         let known: Vec<(i64, i64)> = (0_i64..32)
             .zip(&line[first..])
             .filter(|&(_, &found)| found >= 0)
-            .map(|(x, &found)| (x, i64::from(found)))
+            .map(|(x, &found)| (x, i64::from(found - line[first])))
             .collect();
-        let n = known.len() as i64;
-        if first == 0 || n < 4 {
-            continue;
+        let steps = known.windows(2).map(|pair| (pair[1].1 - pair[0].1).abs());
+        let surface = &known[..=steps.take_while(|&step| step <= 16).count()];
+        let sum = |points: &[(i64, i64)], f: &dyn Fn(i64, i64) -> i64| {
+            points.iter().map(|&(x, y)| f(x, y)).sum::<i64>()
+        };
+        let n = surface.len() as i64;
+        if n >= 4 {
+            let [sx, sy] = [sum(surface, &|x, _| x), sum(surface, &|_, y| y)];
+            let row_spread = 4 * (n * sum(surface, &|x, _| x * x) - sx * sx) / n;
+            let row_covariance = 4 * (n * sum(surface, &|x, y| x * y) - sx * sy) / n;
+            spread += row_spread - spread.div_euclid(4);
+            covariance += row_covariance - covariance.div_euclid(4);
         }
-        let sum = |f: &dyn Fn(i64, i64) -> i64| known.iter().map(|&(x, y)| f(x, y)).sum::<i64>();
-        let (sx, sy, sxx, sxy) = (
-            sum(&|x, _| x),
-            sum(&|_, y| y),
-            sum(&|x, _| x * x),
-            sum(&|x, y| x * y),
-        );
-        let fitted =
-            (((n * sxy - sx * sy) * 4096).div_euclid(n * sxx - sx * sx)).clamp(-8192, 8192);
-        slope += (fitted - slope) >> 3;
-        let at_first = (sy * 4096 - slope * sx).div_euclid(n);
+        let slope = (covariance * 256 / spread.max(1)).clamp(-384, 384);
+        let nearest = &surface[..surface.len().min(8)];
+        let middle = (sum(nearest, &|_, y| y) * 256 - slope * sum(nearest, &|x, _| x))
+            / nearest.len() as i64;
+        let at_first = i64::from(line[first]) * 256 + middle;
         for (x, pixel) in line[..first].iter_mut().enumerate() {
-            let value = (at_first + slope * (x as i64 - first as i64) + 2048) >> 12;
+            let value = (at_first + slope * (x as i64 - first as i64) + 128) >> 8;
             *pixel = value.clamp(0, largest.into()) as i32;
         }
     }
