@@ -303,6 +303,8 @@ fn sample(
 /// lines that lie too high or low, or adapts to views that match badly, which would favour them.
 fn parameters() -> Parameters {
     let mut parameters = Preset::Lite.parameters();
+    // Short cells tell lines that are off less well.
+    parameters.cell_length_max_px = 0;
     if let Method::Sgm(sgm) = &mut parameters.method {
         sgm.line_offset_max_lines = 0;
         sgm.line_gain_max_q8 = 0;

@@ -1,8 +1,9 @@
 """Synapse offsets, computed without the Rust code: the source of tests/offsets.rs.
 
 PCG XSH RR 64/32 (O'Neill 2014) seeded from 64 bits as the rand_core crate
-documents it, Box-Muller, rounding, and redrawing outside the support.
-Usage: python3 offsets.py SEED SIGMA REACH_X REACH_Y COUNT
+documents it, Box-Muller, rounding, and redrawing outside the support, and further than LENGTH from the offset before if
+that is not 0.
+Usage: python3 offsets.py SEED SIGMA REACH_X REACH_Y LENGTH COUNT
 """
 
 import math
@@ -38,7 +39,7 @@ def nearest(value):
     return int(math.copysign(math.floor(abs(value) + 0.5), value))
 
 
-def offsets(seed, sigma, reach_x, reach_y, count):
+def offsets(seed, sigma, reach_x, reach_y, length, count):
     random = generator(seed)
     found = []
     while len(found) < count:
@@ -47,13 +48,16 @@ def offsets(seed, sigma, reach_x, reach_y, count):
         radius = math.sqrt(-2 * math.log(u))
         dx = nearest(radius * math.cos(2 * math.pi * v) * sigma)
         dy = nearest(radius * math.sin(2 * math.pi * v) * sigma)
-        if abs(dx) <= reach_x and abs(dy) <= reach_y:
-            found.append((dx, dy))
+        if abs(dx) > reach_x or abs(dy) > reach_y:
+            continue
+        if length and found and math.dist(found[-1], (dx, dy)) > length:
+            continue
+        found.append((dx, dy))
     return found
 
 
 if __name__ == "__main__":
-    seed, sigma, reach_x, reach_y, count = sys.argv[1:]
-    found = offsets(int(seed), float(sigma), int(reach_x), int(reach_y), int(count))
+    seed, sigma, reach_x, reach_y, length, count = sys.argv[1:]
+    found = offsets(int(seed), float(sigma), int(reach_x), int(reach_y), int(length), int(count))
     stored = b"".join(bytes((dx & 255, dy & 255)) for dx, dy in found)
     print(found[:8], "CRC-32", hex(zlib.crc32(stored)))

@@ -57,7 +57,8 @@ fn of_what_repeats_more_is_right() {
                 bad.average().unwrap()
             });
             println!("{period_px} px, {preset}: {bad:.1} %, as it comes {bad_as_it_comes:.1} %");
-            assert!(bad < 0.9 * bad_as_it_comes);
+            let most = if preset == Preset::Lite { 0.97 } else { 0.9 };
+            assert!(bad < most * bad_as_it_comes);
         }
     }
 }

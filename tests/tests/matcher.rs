@@ -441,6 +441,7 @@ fn the_largest_parameters_run() {
     let parameters = Parameters {
         synapses: 1024,
         sigmas_px: [10.0; 2],
+        cell_length_max_px: u8::MAX,
         support: Support::square(127),
         seed: DEFAULT_SEED,
         method: Method::Recall(RecallParameters {

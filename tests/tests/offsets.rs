@@ -3,12 +3,13 @@
 use rand_core::SeedableRng;
 use rand_pcg::Pcg32;
 use vgstereo_core::config::{MAX_SYNAPSES, Support};
-use vgstereo_core::pattern::Synapses;
+use vgstereo_core::pattern::{OffsetLaw, Synapses};
 
 struct Golden {
     seed: u64,
     sigma_px: f32,
     support: Support,
+    cell_length_max_px: u8,
     first: [[i8; 2]; 8],
     crc32: u32,
 }
@@ -16,11 +17,12 @@ struct Golden {
 #[test]
 fn seeded_offsets_are_those_of_an_independent_program() {
     for golden in [
-        // python3 offsets.py 1 4 12 12 1024
+        // python3 offsets.py 1 4 12 12 0 1024
         Golden {
             seed: 1,
             sigma_px: 4.0,
             support: Support::square(12),
+            cell_length_max_px: 0,
             first: [
                 [-7, 0],
                 [2, 1],
@@ -33,11 +35,12 @@ fn seeded_offsets_are_those_of_an_independent_program() {
             ],
             crc32: 0xc237_cd41,
         },
-        // python3 offsets.py 7 10 30 30 1024
+        // python3 offsets.py 7 10 30 30 0 1024
         Golden {
             seed: 7,
             sigma_px: 10.0,
             support: Support::square(30),
+            cell_length_max_px: 0,
             first: [
                 [9, 6],
                 [4, -9],
@@ -50,11 +53,12 @@ fn seeded_offsets_are_those_of_an_independent_program() {
             ],
             crc32: 0xf57b_5ca9,
         },
-        // python3 offsets.py 3 1.5 5 3 1024
+        // python3 offsets.py 3 1.5 5 3 0 1024
         Golden {
             seed: 3,
             sigma_px: 1.5,
             support: Support { x_px: 5, y_px: 3 },
+            cell_length_max_px: 0,
             first: [
                 [1, 2],
                 [0, 0],
@@ -67,10 +71,33 @@ fn seeded_offsets_are_those_of_an_independent_program() {
             ],
             crc32: 0x23b8_9d5a,
         },
+        // python3 offsets.py 1 2.5 8 5 4 1024
+        Golden {
+            seed: 1,
+            sigma_px: 2.5,
+            support: Support { x_px: 8, y_px: 5 },
+            cell_length_max_px: 4,
+            first: [
+                [-4, 0],
+                [0, 0],
+                [1, 1],
+                [1, 0],
+                [-1, 3],
+                [0, 3],
+                [-1, 0],
+                [-1, -1],
+            ],
+            crc32: 0xc31f_0a1c,
+        },
     ] {
         let mut stored = [[0; 2]; MAX_SYNAPSES];
         let mut generator = Pcg32::seed_from_u64(golden.seed);
-        Synapses::draw(&mut stored, golden.sigma_px, golden.support, &mut generator).unwrap();
+        let law = OffsetLaw {
+            sigma_px: golden.sigma_px,
+            support: golden.support,
+            cell_length_max_px: golden.cell_length_max_px,
+        };
+        Synapses::draw(&mut stored, law, &mut generator).unwrap();
         assert_eq!(stored[..8], golden.first, "seed {}", golden.seed);
         let bytes: Vec<u8> = stored
             .as_flattened()

@@ -30,6 +30,7 @@ fn plain(synapses: u16, sigma_px: f32, support: Support, seed: u64) -> Parameter
     Parameters {
         synapses,
         sigmas_px: [sigma_px; 2],
+        cell_length_max_px: 0,
         support,
         seed,
         method: Method::Recall(PLAIN),
@@ -105,11 +106,13 @@ proptest! {
         reference in reference(),
         words in 1_u16..=4,
         sigmas_px in prop::array::uniform2(0.3_f32..10.0),
+        cell_length_max_px in 0_u8..6,
         (x_px, y_px) in (0_u8..9, 0_u8..7),
         seed in any::<u64>(),
     ) {
         let parameters = Parameters {
             sigmas_px,
+            cell_length_max_px,
             ..plain(16 * words, 1.0, Support { x_px, y_px }, seed)
         };
         let config = Config {

@@ -145,7 +145,7 @@ fn most_of_the_scan_of_found_disparities_is_within_two_percent() {
         let share = errors.iter().filter(|&&error| error < 0.02).count() * 100 / 60;
         println!("{preset}: median {median:.4}, {share} % within 2 %, {missed} missed");
         assert!(
-            median < 0.01 && share >= 72,
+            median < 0.01 && share >= 70,
             "{preset}: {median}, {share} %"
         );
     }

@@ -169,14 +169,16 @@ fn parameters() -> impl Strategy<Value = Parameters> {
     let own = (
         1_u16..=8,
         prop::array::uniform2(0.3_f32..6.0),
+        0_u8..6,
         support,
         any::<u64>(),
         aggregation(),
     )
         .prop_map(
-            |(words, sigmas_px, support, seed, aggregation)| Parameters {
+            |(words, sigmas_px, cell_length_max_px, support, seed, aggregation)| Parameters {
                 synapses: 16 * words,
                 sigmas_px,
+                cell_length_max_px,
                 support,
                 seed,
                 method: Method::Sgm(aggregation),
@@ -789,6 +791,7 @@ fn the_dearest_patterns_cost_the_most() {
         let parameters = Parameters {
             synapses,
             sigmas_px: [10.0; 2],
+            cell_length_max_px: 0,
             support: Support::square(30),
             seed: 1,
             method: Method::Sgm(SgmParameters {

@@ -287,7 +287,14 @@ impl Config {
         let support_px = [parameters.support.x_px, parameters.support.y_px];
         // Stored synapses serve if they were drawn from these parameters.
         let drawn = match K::SCOPE.drawn {
-            Some(drawn) if drawn.is_of(parameters.sigmas_px, support_px, parameters.seed) => {
+            Some(drawn)
+                if drawn.is_of(
+                    parameters.sigmas_px,
+                    parameters.cell_length_max_px,
+                    support_px,
+                    parameters.seed,
+                ) =>
+            {
                 Some(drawn)
             }
             _ => None,

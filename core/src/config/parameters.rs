@@ -39,6 +39,10 @@ pub struct Parameters {
     /// the synapses, and that of the second half. The larger comes first, as the first half
     /// samples smoothed lines.
     pub sigmas_px: [f32; 2],
+    /// Largest distance between the two samples of a cell, px; 0 for any. An offset that lies further
+    /// from the one before it in its half is drawn again; the cell of the last one of a half and the
+    /// first one that follows it, of the other half, is as long as it is.
+    pub cell_length_max_px: u8,
     /// Reach of the offsets; [`Support::three_sigma`] by default.
     pub support: Support,
     /// Seed of the offsets.

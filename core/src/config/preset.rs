@@ -124,6 +124,7 @@ const fn paper(recall: RecallParameters) -> Parameters {
     Parameters {
         synapses: 256,
         sigmas_px: [SIGMA_PX; 2],
+        cell_length_max_px: 0,
         support: Support::three_sigma(SIGMA_PX),
         seed: DEFAULT_SEED,
         method: Method::Recall(recall),
@@ -176,6 +177,7 @@ const SGM: SgmParameters = SgmParameters {
 const LITE: Parameters = Parameters {
     synapses: 32,
     sigmas_px: [2.5, 1.0],
+    cell_length_max_px: 4,
     support: Support { x_px: 8, y_px: 5 },
     seed: DEFAULT_SEED,
     method: Method::Sgm(SgmParameters {
@@ -198,6 +200,7 @@ const LITE: Parameters = Parameters {
 const MICRO: Parameters = Parameters {
     synapses: 48,
     sigmas_px: [3.0, 0.9],
+    cell_length_max_px: 0,
     support: Support { x_px: 10, y_px: 3 },
     seed: DEFAULT_SEED,
     method: Method::Sgm(SgmParameters {
@@ -218,6 +221,7 @@ const MICRO: Parameters = Parameters {
 const BALANCED: Parameters = Parameters {
     synapses: 256,
     sigmas_px: [5.0, 1.2],
+    cell_length_max_px: 0,
     support: Support { x_px: 10, y_px: 6 },
     seed: DEFAULT_SEED,
     method: Method::Sgm(SgmParameters {
@@ -236,6 +240,7 @@ const BALANCED: Parameters = Parameters {
 const QUALITY: Parameters = Parameters {
     synapses: 512,
     sigmas_px: [3.5, 1.2],
+    cell_length_max_px: 0,
     support: Support { x_px: 10, y_px: 8 },
     seed: DEFAULT_SEED,
     method: Method::Sgm(SgmParameters {

@@ -59,7 +59,12 @@ impl Scope {
     pub const fn contains(&self, other: &Self) -> bool {
         let has_drawn = match (self.drawn, other.drawn) {
             (None, _) => true,
-            (Some(own), Some(other)) => own.is_of(other.sigmas_px, other.support_px, other.seed),
+            (Some(own), Some(other)) => own.is_of(
+                other.sigmas_px,
+                other.cell_length_max_px,
+                other.support_px,
+                other.seed,
+            ),
             (Some(_), None) => false,
         };
         has_drawn
@@ -81,6 +86,8 @@ impl Scope {
 pub struct DrawnSynapses {
     /// Standard deviations of both halves, px.
     pub sigmas_px: [f32; 2],
+    /// Largest distance between the samples of a cell, px; 0 for any.
+    pub cell_length_max_px: u8,
     /// Largest offsets along and across lines, px.
     pub support_px: [u8; 2],
     /// Seed of the generator.
@@ -92,8 +99,15 @@ pub struct DrawnSynapses {
 impl DrawnSynapses {
     /// Whether they were drawn from these parameters.
     #[must_use]
-    pub const fn is_of(&self, sigmas_px: [f32; 2], support_px: [u8; 2], seed: u64) -> bool {
+    pub const fn is_of(
+        &self,
+        sigmas_px: [f32; 2],
+        cell_length_max_px: u8,
+        support_px: [u8; 2],
+        seed: u64,
+    ) -> bool {
         self.seed == seed
+            && self.cell_length_max_px == cell_length_max_px
             && self.support_px[0] == support_px[0]
             && self.support_px[1] == support_px[1]
             && self.sigmas_px[0] == sigmas_px[0]

@@ -10,4 +10,4 @@ mod synapse;
 
 pub use planes::PatternRow;
 pub use sampler::Sampler;
-pub use synapse::{StoredOffset, Synapses};
+pub use synapse::{OffsetLaw, StoredOffset, Synapses};

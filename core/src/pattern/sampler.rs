@@ -6,7 +6,7 @@ use rand_core::SeedableRng;
 use rand_pcg::Pcg32;
 
 use super::planes::PatternRow;
-use super::synapse::{StoredOffset, Synapses};
+use super::synapse::{OffsetLaw, StoredOffset, Synapses};
 use crate::config::{Config, ConfigError, Region};
 use crate::kernel::Kernels;
 use crate::rows::{Arena, View, copy_common, words};
@@ -54,7 +54,12 @@ impl<'m> Sampler<'m> {
             let mut generator = Pcg32::seed_from_u64(parameters.seed);
             let (first, second) = stored_offsets.split_at_mut(count / 2);
             for (half, sigma_px) in [first, second].into_iter().zip(parameters.sigmas_px) {
-                Synapses::draw(half, sigma_px, parameters.support, &mut generator)?;
+                let law = OffsetLaw {
+                    sigma_px,
+                    support: parameters.support,
+                    cell_length_max_px: parameters.cell_length_max_px,
+                };
+                Synapses::draw(half, law, &mut generator)?;
             }
         }
         Ok(Self {

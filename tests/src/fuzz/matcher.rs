@@ -44,6 +44,7 @@ impl<'a> Arbitrary<'a> for Case {
         let parameters = Parameters {
             synapses: 16 * u.int_in_range(1..=20)?,
             sigmas_px: [sigma_px(u)?, sigma_px(u)?],
+            cell_length_max_px: u.int_in_range(0..=8)?,
             support: Support {
                 x_px: u.int_in_range(0..=50)?,
                 y_px: u.int_in_range(0..=14)?,

@@ -4,7 +4,7 @@ use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 use vgstereo_core::disparity::px_to_q4;
 use vgstereo_core::kernel::TieBreak;
-use vgstereo_core::pattern::{StoredOffset, Synapses};
+use vgstereo_core::pattern::{OffsetLaw, StoredOffset, Synapses};
 use vgstereo_core::rows::Offset;
 use vgstereo_core::{Config, INVALID, Method, Parameters, RecallParameters, Reference};
 
@@ -48,7 +48,12 @@ pub fn offsets(parameters: &Parameters) -> Vec<StoredOffset> {
         .zip(parameters.sigmas_px)
     {
         let mut stored = vec![[0; 2]; drawn];
-        Synapses::draw(&mut stored, sigma_px, parameters.support, &mut generator).unwrap();
+        let law = OffsetLaw {
+            sigma_px,
+            support: parameters.support,
+            cell_length_max_px: parameters.cell_length_max_px,
+        };
+        Synapses::draw(&mut stored, law, &mut generator).unwrap();
         offsets.extend(stored);
     }
     offsets
