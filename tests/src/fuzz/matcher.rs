@@ -129,6 +129,9 @@ fn sgm_parameters(u: &mut Unstructured<'_>) -> Result<SgmParameters> {
     let hamming_truncation = u.int_in_range(0..=254 - p2)?;
     let rest = 254 - p2 - hamming_truncation;
     let weight_max = u16::from(rest) * 16 / u16::from(difference_truncation).max(1);
+    let difference_weight_q4 = u.int_in_range(0..=weight_max.min(255) as u8)?;
+    let difference =
+        ((u16::from(difference_truncation) * u16::from(difference_weight_q4)) >> 4) as u8;
     Ok(SgmParameters {
         colour: u.arbitrary()?,
         smoothing_step: u.arbitrary()?,
@@ -138,7 +141,7 @@ fn sgm_parameters(u: &mut Unstructured<'_>) -> Result<SgmParameters> {
         hamming_scale: u.int_in_range(0..=250)?,
         hamming_truncation,
         evidence_q8: u.arbitrary()?,
-        difference_weight_q4: u.int_in_range(0..=weight_max.min(255) as u8)?,
+        difference_weight_q4,
         difference_truncation,
         line_offset_max_lines: u.int_in_range(0..=4)?,
         line_gain_max_q8: u.arbitrary()?,
@@ -164,7 +167,8 @@ fn sgm_parameters(u: &mut Unstructured<'_>) -> Result<SgmParameters> {
                 spread_px: u.arbitrary()?,
                 row_step: u.arbitrary()?,
                 cost_shift: u.int_in_range(0..=7)?,
-                p2_min: u.int_in_range(0..=p2)?,
+                // It may be above P2.
+                p2_min: u.int_in_range(0..=254 - hamming_truncation - difference)?,
             })
         } else {
             None
