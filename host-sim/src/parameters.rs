@@ -25,15 +25,12 @@ pub fn to_toml(parameters: &Parameters) -> Result<String> {
     // document is applied to would remain.
     if let Some(Value::Table(method)) = table.get_mut("method") {
         for preset in Preset::ALL {
-            let other = Table::try_from(preset.parameters())?;
-            let Some(Value::Table(other)) = other.get("method") else {
-                continue;
-            };
-            if other.get("kind") == method.get("kind") {
-                for stage in other.keys() {
-                    if !method.contains_key(stage) {
-                        method.insert(stage.clone(), NONE.into());
-                    }
+            let mut other = Table::try_from(preset.parameters())?;
+            if let Some(Value::Table(other)) = other.remove("method")
+                && other.get("kind") == method.get("kind")
+            {
+                for (stage, _) in other {
+                    method.entry(stage).or_insert(NONE.into());
                 }
             }
         }
