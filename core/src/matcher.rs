@@ -481,11 +481,12 @@ mod tests {
             ..CONFIG
         };
         assert_eq!(narrower.validate_for::<Kernels>(), Ok(()));
-        let changes: [fn(&mut Config); 4] = [
+        let changes: [fn(&mut Config); 5] = [
             |config| config.colour = true,
             |config| config.disparities.count = 20,
             |config| config.parameters = config.parameters.with_seed(2),
             |config| config.parameters.synapses = 32,
+            |config| config.parameters.cell_length_max_px = 4,
         ];
         for change in changes {
             let mut config = CONFIG;

@@ -284,19 +284,9 @@ impl Config {
     /// As [`Config::validate`], and [`ConfigError::Scope`].
     pub const fn validate_for<K: Kernels>(&self) -> Result<(), ConfigError> {
         let parameters = &self.parameters;
-        let support_px = [parameters.support.x_px, parameters.support.y_px];
         // Stored synapses serve if they were drawn from these parameters.
         let drawn = match K::SCOPE.drawn {
-            Some(drawn)
-                if drawn.is_of(
-                    parameters.sigmas_px,
-                    parameters.cell_length_max_px,
-                    support_px,
-                    parameters.seed,
-                ) =>
-            {
-                Some(drawn)
-            }
+            Some(drawn) if drawn.law.is(&parameters.synapse_law()) => Some(drawn),
             _ => None,
         };
         let asked = Scope {

@@ -3,7 +3,7 @@
 use core::fmt;
 use core::num::NonZeroU8;
 
-use crate::kernel::{MAX_TAP_ROWS, SubpixelStep, TieBreak};
+use crate::kernel::{MAX_TAP_ROWS, SubpixelStep, SynapseLaw, TieBreak};
 use crate::rows::MAX_MOVED_LINES;
 
 /// Largest number of synapses of a neuron.
@@ -40,8 +40,8 @@ pub struct Parameters {
     /// samples smoothed lines.
     pub sigmas_px: [f32; 2],
     /// Largest distance between the two samples of a cell, px; 0 for any. An offset that lies further
-    /// from the one before it in its half is drawn again; the cell of the last one of a half and the
-    /// first one that follows it, of the other half, is as long as it is.
+    /// from the one before it is drawn again. The two cells of which each half has one sample may be
+    /// longer.
     pub cell_length_max_px: u8,
     /// Reach of the offsets; [`Support::three_sigma`] by default.
     pub support: Support,
@@ -438,6 +438,16 @@ impl Parameters {
         self.sigmas_px = [sigma_px; 2];
         self.support = Support::three_sigma(sigma_px);
         self
+    }
+
+    /// What the offsets are drawn from.
+    pub(crate) const fn synapse_law(&self) -> SynapseLaw {
+        SynapseLaw {
+            sigmas_px: self.sigmas_px,
+            cell_length_max_px: self.cell_length_max_px,
+            support_px: [self.support.x_px, self.support.y_px],
+            seed: self.seed,
+        }
     }
 
     /// These parameters with another seed, for the offsets and for ties.

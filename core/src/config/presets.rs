@@ -31,10 +31,7 @@ types! {
 const fn scope(parameters: &Parameters, offsets: Option<&'static [[i8; 2]]>) -> Scope {
     let drawn = match offsets {
         Some(offsets) => Some(DrawnSynapses {
-            sigmas_px: parameters.sigmas_px,
-            cell_length_max_px: parameters.cell_length_max_px,
-            support_px: [parameters.support.x_px, parameters.support.y_px],
-            seed: parameters.seed,
+            law: parameters.synapse_law(),
             offsets,
         }),
         None => None,

@@ -55,7 +55,7 @@ pub use resample::{
     resample_row, sixteenth_shift,
 };
 pub use rivals::{RIVAL_BLOCK_PX, RIVAL_STEP_PX, RivalsRow, rivals_row};
-pub use scope::{DrawnSynapses, Only, Scope, Scoped};
+pub use scope::{DrawnSynapses, Only, Scope, Scoped, SynapseLaw};
 pub use select::select_row;
 pub use smooth::smooth_row;
 pub use subpixel::{SubpixelStep, subpixel_step_q4, subpixel_steps_q4};

@@ -59,12 +59,7 @@ impl Scope {
     pub const fn contains(&self, other: &Self) -> bool {
         let has_drawn = match (self.drawn, other.drawn) {
             (None, _) => true,
-            (Some(own), Some(other)) => own.is_of(
-                other.sigmas_px,
-                other.cell_length_max_px,
-                other.support_px,
-                other.seed,
-            ),
+            (Some(own), Some(other)) => own.law.is(&other.law),
             (Some(_), None) => false,
         };
         has_drawn
@@ -80,10 +75,10 @@ impl Scope {
     }
 }
 
-/// Offsets of synapses that were drawn before a program is built, which then needs no code to draw them.
+/// What the offsets of a neuron's synapses are drawn from. Those of the same law are the same.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct DrawnSynapses {
+pub struct SynapseLaw {
     /// Standard deviations of both halves, px.
     pub sigmas_px: [f32; 2],
     /// Largest distance between the samples of a cell, px; 0 for any.
@@ -92,27 +87,29 @@ pub struct DrawnSynapses {
     pub support_px: [u8; 2],
     /// Seed of the generator.
     pub seed: u64,
-    /// The offsets, to the right and down, px.
-    pub offsets: &'static [[i8; 2]],
 }
 
-impl DrawnSynapses {
-    /// Whether they were drawn from these parameters.
+impl SynapseLaw {
+    /// Whether both are the same. `PartialEq` cannot be asked in a `const`.
     #[must_use]
-    pub const fn is_of(
-        &self,
-        sigmas_px: [f32; 2],
-        cell_length_max_px: u8,
-        support_px: [u8; 2],
-        seed: u64,
-    ) -> bool {
-        self.seed == seed
-            && self.cell_length_max_px == cell_length_max_px
-            && self.support_px[0] == support_px[0]
-            && self.support_px[1] == support_px[1]
-            && self.sigmas_px[0] == sigmas_px[0]
-            && self.sigmas_px[1] == sigmas_px[1]
+    pub const fn is(&self, other: &Self) -> bool {
+        self.seed == other.seed
+            && self.cell_length_max_px == other.cell_length_max_px
+            && self.support_px[0] == other.support_px[0]
+            && self.support_px[1] == other.support_px[1]
+            && self.sigmas_px[0] == other.sigmas_px[0]
+            && self.sigmas_px[1] == other.sigmas_px[1]
     }
+}
+
+/// Offsets of synapses that were drawn before a program is built, which then needs no code to draw them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct DrawnSynapses {
+    /// What they were drawn from.
+    pub law: SynapseLaw,
+    /// The offsets, to the right and down, px.
+    pub offsets: &'static [[i8; 2]],
 }
 
 /// Whether the only number that `own` allows is that of `other`.

@@ -53,12 +53,10 @@ impl<'m> Sampler<'m> {
         } else {
             let mut generator = Pcg32::seed_from_u64(parameters.seed);
             let (first, second) = stored_offsets.split_at_mut(count / 2);
-            for (half, sigma_px) in [first, second].into_iter().zip(parameters.sigmas_px) {
-                let law = OffsetLaw {
-                    sigma_px,
-                    support: parameters.support,
-                    cell_length_max_px: parameters.cell_length_max_px,
-                };
+            for (half, law) in [first, second]
+                .into_iter()
+                .zip(OffsetLaw::halves(parameters))
+            {
                 Synapses::draw(half, law, &mut generator)?;
             }
         }

@@ -7,13 +7,14 @@
 
 use rand_core::Rng;
 
-use crate::config::{MAX_SIGMA_PX, Support, SynapseError};
+use crate::config::{MAX_SIGMA_PX, Parameters, Support, SynapseError};
 use crate::rows::Offset;
 
 /// An offset as it is stored: `[dx, dy]`, px, to the right and down.
 pub type StoredOffset = [i8; 2];
 
-/// What offsets are drawn by.
+/// The distribution of offsets: normal along and across the line, rounded to px, within a support and a
+/// distance from each to the next.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OffsetLaw {
     /// Standard deviation along and across the line, px, above 0 and at most 10.
@@ -33,6 +34,16 @@ impl OffsetLaw {
             support,
             cell_length_max_px: 0,
         }
+    }
+
+    /// The distributions of the first half of the synapses of `parameters` and of the second.
+    #[must_use]
+    pub fn halves(parameters: &Parameters) -> [Self; 2] {
+        parameters.sigmas_px.map(|sigma_px| Self {
+            sigma_px,
+            support: parameters.support,
+            cell_length_max_px: parameters.cell_length_max_px,
+        })
     }
 
     /// Whether an offset may come after another.

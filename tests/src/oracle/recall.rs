@@ -43,16 +43,11 @@ pub fn offsets(parameters: &Parameters) -> Vec<StoredOffset> {
     let count = usize::from(parameters.synapses);
     let mut generator = Pcg32::seed_from_u64(parameters.seed);
     let mut offsets = Vec::new();
-    for (drawn, sigma_px) in [count / 2, count - count / 2]
+    for (drawn, law) in [count / 2, count - count / 2]
         .into_iter()
-        .zip(parameters.sigmas_px)
+        .zip(OffsetLaw::halves(parameters))
     {
         let mut stored = vec![[0; 2]; drawn];
-        let law = OffsetLaw {
-            sigma_px,
-            support: parameters.support,
-            cell_length_max_px: parameters.cell_length_max_px,
-        };
         Synapses::draw(&mut stored, law, &mut generator).unwrap();
         offsets.extend(stored);
     }
